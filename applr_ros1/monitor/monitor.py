@@ -392,6 +392,8 @@ class CollisionMonitor:
         Such wheels reverse a slow body at once: 0.15 s from rest to -0.5 m/s in Gazebo. In turns
         and at the ends of hard stops they locked instead, and the body slid on.
         """
+        if not self.motion.baseline:
+            return False  # Nothing is known about a slide.
         _, command_w = command
         turn_rates = (self.output.w, measured_w, self.motion.velocity.w, command_w)
         slides = (self.motion.slide, self._lateral_slip())

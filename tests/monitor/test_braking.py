@@ -17,7 +17,7 @@ from applr_ros1.monitor.monitor import (
 from tests.monitor.scenes import BEHIND, across, scan_of, wall
 
 CYCLE_S = 0.05  # time between two commands [s]
-DRIVEN_CYCLES = 12  # cycles before the change of direction: 0.6 s
+DRIVEN_CYCLES = 12  # cycles before the change of direction
 SPEED = 0.3  # m/s: at most so fast, wheels lock when they are slowed down hard
 BACK = (-0.5, 0.0)
 # Posts of 5 cm radius, 0.2 m behind the outline where the robot changes its direction
@@ -31,8 +31,9 @@ def reversal(
     command=BACK,
     posts=(),
     sideways=0.0,
+    cycle_s=CYCLE_S,
 ):
-    """Return the verdicts on a command that follows 0.6 s of driving.
+    """Return the verdicts on a command that follows 12 cycles of driving.
 
     Args:
         speed: Speed of the poses [m/s].
@@ -41,6 +42,7 @@ def reversal(
         command: Command (v, w) of the cycles from then on.
         posts: Posts (n, 2) [m].
         sideways: Speed of the poses to the left [m/s].
+        cycle_s: Time between two commands [s].
     """
     if wheel_speed is None:
         wheel_speed = speed
@@ -50,22 +52,22 @@ def reversal(
     monitor.seen.cells[:] = 1
     x, y, yaw = 0.0, 0.0, 0.0
     for cycle in range(DRIVEN_CYCLES):
-        time = cycle * CYCLE_S
+        time = cycle * cycle_s
         monitor.add_scan(scan_of(posts, (x, y, yaw), time))
         monitor.filter(time, (x, y, yaw), (wheel_speed, turn), (speed, turn))
-        x += (speed * math.cos(yaw) - sideways * math.sin(yaw)) * CYCLE_S
-        y += (speed * math.sin(yaw) + sideways * math.cos(yaw)) * CYCLE_S
-        yaw += turn * CYCLE_S
+        x += (speed * math.cos(yaw) - sideways * math.sin(yaw)) * cycle_s
+        y += (speed * math.sin(yaw) + sideways * math.cos(yaw)) * cycle_s
+        yaw += turn * cycle_s
 
     # The base does at once what it is told, from the wheels' speed on.
     verdicts = []
     for cycle in range(DRIVEN_CYCLES, DRIVEN_CYCLES + 20):
-        time = cycle * CYCLE_S
+        time = cycle * cycle_s
         monitor.add_scan(scan_of(posts, (x, y, yaw), time))
         verdict = monitor.filter(time, (x, y, yaw), (wheel_speed, turn), command)
         verdicts.append(verdict)
         wheel_speed, turn = verdict.command
-        x += wheel_speed * CYCLE_S
+        x += wheel_speed * cycle_s
     return verdicts
 
 
@@ -106,6 +108,13 @@ def test_a_faster_base_brakes_down_to_the_slow_speed_first():
 def test_every_other_slow_base_is_braked_gently(scene):
     verdict = reversal(**scene)[0]
     assert verdict.command[0] == pytest.approx(SPEED - 0.6 * CYCLE_S)
+
+
+def test_a_base_whose_slide_is_unknown_is_braked_gently():
+    """The poses of a planner at less than 4 Hz are too far apart for a velocity."""
+    verdict = reversal(cycle_s=0.3)[0]
+    assert (verdict.action, verdict.reason) == (BRAKE, REVERSING)
+    assert verdict.command[0] == pytest.approx(SPEED - 0.6 * 0.3)
 
 
 def test_an_action_that_changes_a_command_is_not_pass():
