@@ -307,7 +307,9 @@ class CollisionMonitor:
         measured_v = v
         if pose_velocity.v * self.output.v > v * self.output.v:
             measured_v = pose_velocity.v
-        may_reverse = verdict.action == PASS and self._grips(w, verdict.command)
+        # The larger speed counts: the base may not yet have reached the last output.
+        is_slow = max(abs(v), abs(self.output.v)) <= LAST_SPEED_M_S
+        may_reverse = verdict.action == PASS and is_slow and self._grips(w, verdict.command)
         return verdict.braked(self.braked(time, measured_v, verdict.command, w, may_reverse))
 
     def _scan_age(self, time: float) -> float:
@@ -362,12 +364,12 @@ class CollisionMonitor:
             measured_v: measured forward speed [m/s].
             command: requested (v, w) [m/s, rad/s].
             measured_w: measured turn rate [rad/s], None if it is unknown.
-            may_reverse: whether the command passes at once if it reverses a slow base.
+            may_reverse: whether the command passes at once if it reverses the base.
         """
         v, w = command
         previous = self.output
         speed = min(abs(previous.v), abs(measured_v))
-        reverses_at_once = may_reverse and v * previous.v < 0.0 and speed <= LAST_SPEED_M_S
+        reverses_at_once = may_reverse and v * previous.v < 0.0
         # Otherwise the base stands still or already moves the other way.
         is_moving_on = previous.v * measured_v > 0.0 and time >= previous.time
         if is_moving_on and not reverses_at_once:

@@ -32,6 +32,7 @@ def reversal(
     posts=(),
     sideways=0.0,
     cycle_s=CYCLE_S,
+    last_command=None,
 ):
     """Return the verdicts on a command that follows 12 cycles of driving.
 
@@ -43,9 +44,14 @@ def reversal(
         posts: Posts (n, 2) [m].
         sideways: Speed of the poses to the left [m/s].
         cycle_s: Time between two commands [s].
+        last_command: Speed commanded in the last cycle of driving [m/s]; None for that of the
+            poses.
     """
     if wheel_speed is None:
         wheel_speed = speed
+    commands = [speed] * DRIVEN_CYCLES
+    if last_command is not None:
+        commands[-1] = last_command
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(posts, BEHIND, -0.1))
     # All space is observed.
@@ -54,7 +60,7 @@ def reversal(
     for cycle in range(DRIVEN_CYCLES):
         time = cycle * cycle_s
         monitor.add_scan(scan_of(posts, (x, y, yaw), time))
-        monitor.filter(time, (x, y, yaw), (wheel_speed, turn), (speed, turn))
+        monitor.filter(time, (x, y, yaw), (wheel_speed, turn), (commands[cycle], turn))
         x += (speed * math.cos(yaw) - sideways * math.sin(yaw)) * cycle_s
         y += (speed * math.sin(yaw) + sideways * math.cos(yaw)) * cycle_s
         yaw += turn * cycle_s
@@ -115,6 +121,14 @@ def test_a_base_whose_slide_is_unknown_is_braked_gently():
     verdict = reversal(cycle_s=0.3)[0]
     assert (verdict.action, verdict.reason) == (BRAKE, REVERSING)
     assert verdict.command[0] == pytest.approx(SPEED - 0.6 * 0.3)
+
+
+@pytest.mark.parametrize("changes", [{"last_command": 1.0}, {"wheel_speed": 0.31}])
+def test_a_base_faster_than_commanded_or_measured_does_not_reverse_at_once(changes):
+    """It may still be speeding up, or roll faster than it was told."""
+    verdict = reversal(0.28, **changes)[0]
+    assert (verdict.action, verdict.reason) == (BRAKE, REVERSING)
+    assert verdict.command[0] == pytest.approx(0.28 - 0.6 * CYCLE_S)
 
 
 def test_an_action_that_changes_a_command_is_not_pass():
