@@ -24,7 +24,7 @@ class Laser:
         words: its scan in messages, such as "scan", "scan on rear" or "scan of frame laser_2".
         stamp: stamp of the latest valid scan [s], None before the first one.
         fault: fault of the latest scan, "" if there is none.
-        latest: stamp of the latest scan, valid or not [s].
+        latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
     """
 
@@ -42,7 +42,7 @@ class Laser:
         self.memory.clear()
         self.check.clear()
         self.stamp: Optional[float] = None
-        self.latest = 0.0
+        self.latest: Optional[float] = None
         self.fault = "no scan has arrived yet"
 
 
@@ -98,12 +98,15 @@ class Lasers:
 
         A stray has sent fewer than ESTABLISHED_SCANS scans, and none for LET_GO_S.
         """
-        if laser.count < ESTABLISHED_SCANS:
+        latest = laser.latest
+        if latest is None or laser.count < ESTABLISHED_SCANS:
             return []
         strays = []
         of_topic = self._of_topic(laser.topic)
         for other in of_topic:
-            is_silent = laser.latest - other.latest > LET_GO_S
+            if other.latest is None:
+                other.latest = latest  # It has been silent since the reset: count from here.
+            is_silent = latest - other.latest > LET_GO_S
             if is_silent and other.count < ESTABLISHED_SCANS:
                 strays.append(other)
         first_laser = of_topic[0]

@@ -223,3 +223,15 @@ def test_an_infinite_range_max_is_valid():
     assert "not finite" in monitor.add_scan(without_minimum)
     without_maximum = scan_of(wall(1.0), HERE, 0.2, range_max=math.nan)
     assert "the scan has range_min" in monitor.add_scan(without_maximum)
+
+
+def test_the_silence_of_a_laser_counts_from_the_reset_on():
+    monitor = CollisionMonitor()
+    start = 1.7e9  # stamps of a clock [s]
+    assert went_on(monitor, start, start + 2.95, frame="front") == []
+    assert went_on(monitor, start, start + 5.95, frame="rear") == []
+    monitor.reset()
+    assert went_on(monitor, start + 9.0, start + 13.95, frame="rear") == []
+    assert "no scan has arrived yet" in monitor.filter(start + 13.9, HERE, AT_REST, AHEAD).reason
+    (stray,) = went_on(monitor, start + 14.0, start + 14.35, frame="rear")
+    assert stray.frame == "front"
