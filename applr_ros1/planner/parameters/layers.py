@@ -184,7 +184,8 @@ def marking_lasers(layer: Dict[str, Any]) -> List[str]:
 def section_in_files(tree: Dict[str, Any], path: str) -> str:
     """Return the section of parameter files that holds the values of a section as C++ reads it.
 
-    A costmap without `plugins` has its layers' values, and their sources, in its own section.
+    A costmap without `plugins` has its layers' values, and their sources, in its own section, which
+    replace those of the layers. A source that only a layer's section has stays there.
 
     Args:
         tree: Parameters of the files.
@@ -194,7 +195,10 @@ def section_in_files(tree: Dict[str, Any], path: str) -> str:
     if not layer_path or "plugins" in branch(tree, costmap):
         return path
     _, _, source = layer_path.partition("/")
-    return f"{costmap}/{source}".rstrip("/")
+    section_path = f"{costmap}/{source}".rstrip("/")
+    if branch(tree, path) and not branch(tree, section_path):
+        return path
+    return section_path
 
 
 def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:

@@ -56,6 +56,8 @@ def laser_sources(tree: Dict[str, Any]) -> List[LaserSource]:
             section = branch(full, layer.path)
             for source_name in marking_lasers(section):
                 obstacle_range = section[source_name].get(NAME, DECLARED.default)
+                if not DECLARED.reads(obstacle_range):
+                    obstacle_range = DECLARED.default  # as roscpp; parameters.check warns
                 path = f"{layer.path}/{source_name}"
                 found_sources.append(LaserSource(path, float(obstacle_range)))
     return found_sources

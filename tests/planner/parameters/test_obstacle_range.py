@@ -7,6 +7,7 @@ import pytest
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete, remarks
+from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, mismatch, seeing
 from applr_ros1.robots import NAMES, load
 
@@ -41,6 +42,40 @@ def test_the_range_in_force_is_that_of_the_source_else_of_the_sections_above_it_
     assert ranges == [3.0, 2.0]
     # A tree of a parameter server is complete.
     assert laser_sources(complete(tree)) == laser_sources(tree)
+
+
+@pytest.mark.parametrize("unreadable", ["far", None, True])
+def test_an_unreadable_range_is_the_default_as_in_cpp(unreadable):
+    tree = copy.deepcopy(JACKAL_FILES)
+    for costmap in ("global_costmap", "local_costmap"):
+        tree[costmap]["obstacles_layer"]["scan"]["obstacle_range"] = unreadable
+    assert [source.obstacle_range for source in laser_sources(tree)] == [2.5, 2.5]
+
+
+LASER = {"data_type": "LaserScan", "clearing": True, "obstacle_range": 2.5}
+
+
+@pytest.mark.parametrize(
+    "costmap",
+    [
+        {"observation_sources": "scan", "scan": LASER},
+        {"obstacle_layer": {"observation_sources": "scan", "scan": LASER}},
+        {"observation_sources": "scan", "obstacle_layer": {"scan": LASER}},
+        # The costmap's section replaces that of the layer.
+        {"observation_sources": "scan", "scan": LASER, "obstacle_layer": {"scan": LASER}},
+    ],
+)
+def test_without_plugins_a_range_is_given_to_the_section_that_counts(costmap):
+    tree = {"local_costmap": costmap}
+    (source,) = laser_sources(merged(tree, seeing(tree, 4.0)))
+    assert source.obstacle_range == 4.0
+
+
+def test_without_plugins_the_value_of_a_layer_is_given_to_its_costmap():
+    """A value of the costmap replaces that of the layer."""
+    costmap = {"inflation_radius": 0.5, "inflation_layer": {"cost_scaling_factor": 3.0}}
+    section = section_in_files({"local_costmap": costmap}, "local_costmap/inflation_layer")
+    assert section == "local_costmap"
 
 
 def test_only_lasers_that_mark_and_clear_get_a_range():
