@@ -27,8 +27,8 @@ from applr_ros1.planner.parameters.declarations import (
     of_kind,
     servers,
 )
-from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers
-from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges, seeing
+from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers, section_in_files
+from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
 from applr_ros1.robots.parameter_files import observation_sources, too_deep
@@ -591,9 +591,19 @@ def _range_remarks(setup: _Setup) -> Iterator[Remark]:
             continue
         sight_s = source.obstacle_range / top_speed
         problem = f"obstacles are marked {sight_s:.2g} s ahead at max_vel_x ({top_speed:g})"
-        remedy = f"give {needed:g} and raytrace_range {ranges(needed)['raytrace_range']:g}"
+        # Rays that clear farther already keep their range.
+        present_values = branch(setup.full, source.path)
+        needed_values = ranges(needed)
+        clearing_range = max(present_values["raytrace_range"], needed_values["raytrace_range"])
+        needed_values["raytrace_range"] = clearing_range
+        remedy = f"give {needed:g} and raytrace_range {clearing_range:g}"
         line = f"{source.path}/obstacle_range is {source.obstacle_range:g}: {problem}; {remedy}"
-        yield Remark(line, seeing(setup.tree, needed))
+
+        # Another source may see farther, so that only this one is corrected.
+        correction: Dict[str, Any] = {}
+        section_path = section_in_files(setup.tree, source.path)
+        branch(correction, section_path, create=True).update(needed_values)
+        yield Remark(line, correction)
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:

@@ -389,6 +389,21 @@ def test_turns_in_place_faster_than_the_fastest_turn_are_remarked(tmp_path):
     assert remark.correction == {"TrajectoryPlannerROS": {"min_in_place_vel_theta": 1.57}}
 
 
+def test_the_correction_of_a_short_range_changes_no_other_laser_and_clears_no_less():
+    def with_scan(**ranges):
+        return {"obstacles_layer": {"scan": ranges}}
+
+    changes = {
+        "TrajectoryPlannerROS": {"max_vel_x": 2.0},
+        "local_costmap": with_scan(obstacle_range=2.5, raytrace_range=6.0),
+        "global_costmap": with_scan(obstacle_range=10.0, raytrace_range=12.0),
+    }
+    (remark,) = remarks(load("jackal").with_parameters(changes, "mine"))
+    assert remark.line.endswith("give 4 and raytrace_range 6")
+    corrected = with_scan(obstacle_range=4.0, raytrace_range=6.0)
+    assert remark.correction == {"local_costmap": corrected}
+
+
 def test_a_slash_alone_makes_no_other_frame(tmp_path):
     old = "robot_base_frame: base_footprint"
     new = "robot_base_frame: /base_footprint"
