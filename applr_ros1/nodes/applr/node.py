@@ -16,7 +16,7 @@ from typing import Any, Dict, Optional, Tuple
 import numpy as np
 import rospy
 
-from applr_ros1.common.errors import ApplrError, one_line, shown
+from applr_ros1.common.errors import ApplrError, one_line, reason, shown
 from applr_ros1.nodes.applr.costmaps import Costmaps
 from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
@@ -24,7 +24,6 @@ from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClie
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.sensors import Clock
 from applr_ros1.planner.parameters.obstacle_range import mismatch
-from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.policy.parameter_space import space_of
@@ -237,7 +236,7 @@ class ApplrNode:
             self._base_set = True
             self._base()
         if self._range_line is None and self.client.connected:
-            self._range_line = self._range_mismatch()
+            self._range_line = range_mismatch(self.method, self.client.namespace)
             if self._range_line:
                 rospy.logwarn("applr: %s", self._range_line)
         goal = self.inputs.goal(now) if self.enabled else None
@@ -258,21 +257,6 @@ class ApplrNode:
             self._publish_parameters()
         if goal is not None and now >= self._due:
             self._decide(now, goal)
-
-    def _range_mismatch(self) -> str:
-        """Return in one line which lasers mark obstacles up to another range than the method's.
-
-        move_base reads these ranges only at its start, so that the node cannot set them.
-        """
-        needed = self.method.obstacle_range
-        if needed is None:
-            return ""
-        parameters = rospy.get_param(self.client.namespace, {})
-        reason = f"method {self.method.name} was made for {needed:g} m"
-        try:
-            return mismatch(parameters, needed, reason)
-        except ParameterError:  # A C++ move_base may have layers that are described otherwise.
-            return ""
 
     def _decide(self, now: rospy.Time, goal: str) -> None:
         """Make the decision that is due, unless its inputs are missing."""
@@ -473,3 +457,23 @@ class ApplrNode:
         if self._goal is None:
             return "idle: no goal"
         return "deciding"
+
+
+def range_mismatch(method: Method, namespace: str) -> str:
+    """Return in one line which lasers mark obstacles up to another range than a method's.
+
+    move_base reads these ranges only at its start, so that the node cannot set them. The line is ""
+    if none does, or if the parameters in move_base's namespace cannot be read.
+    """
+    needed = method.obstacle_range
+    if needed is None:
+        return ""
+    cause = f"method {method.name} was made for {needed:g} m"
+    try:
+        parameters = rospy.get_param(namespace, {})
+        return mismatch(parameters, needed, cause)
+    except Exception as problem:
+        # Without this line the robot drives on: the master may be gone, and a C++ move_base may
+        # have layers that are described otherwise.
+        rospy.logdebug("applr: obstacle ranges are not known: %s", reason(problem))
+        return ""
