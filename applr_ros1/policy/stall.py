@@ -214,6 +214,9 @@ class StallRule:
         self.count += 1
         space = self._encoding.space
         parameters = {**space.as_dict(theta), **phase.values}
+        if "min_vel_x" in phase.values:
+            # The method may choose the largest speed.
+            parameters["min_vel_x"] = min(parameters["min_vel_x"], parameters["max_vel_x"])
         return space.clip([parameters[name] for name in space.names])
 
     def _is_stuck(self, context: Context, leads_back: Optional[bool]) -> bool:
@@ -249,7 +252,8 @@ class StallRule:
         # Only TrajectoryPlannerROS backs out.
         if backs_out and "escape_reset_dist" in space.names:
             drawn_values.update(BACKING_OUT, escape_reset_dist=distance)
-            drawn_values["min_vel_x"] = min(AHEAD_M_S, drawn_values.get("max_vel_x", 0.0))
+            if "max_vel_x" in space.names:
+                drawn_values["min_vel_x"] = AHEAD_M_S
         return drawn_values
 
 

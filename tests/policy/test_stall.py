@@ -437,11 +437,35 @@ def test_a_robot_that_backs_out_has_no_slow_way_ahead():
     min_vel_x = SPACE.names.index("min_vel_x")
     for seed in range(20):
         replaced = course(seed)
+        assert any(map(is_backing_out, replaced[8:]))
         for theta in replaced[8:]:
             smallest_speed = SPACE.theta0[min_vel_x]
             if is_backing_out(theta):
                 smallest_speed = min(0.5, theta[MAX_VEL_X])
             assert theta[min_vel_x] == smallest_speed
+
+
+@pytest.mark.parametrize(("speeds", "smallest"), [((2.5, 3.0), 0.5), ((0.1, 0.15), 0.15)])
+def test_its_smallest_speed_is_at_most_a_largest_one_that_no_policy_chooses(speeds, smallest):
+    # Given: a robot whose range of the largest speed [m/s] is none of a policy's outputs
+    parameters = []
+    for parameter in JACKAL.space:
+        if parameter.name == "max_vel_x":
+            parameter = parameter.model_copy(update={"range": speeds})
+        parameters.append(parameter)
+    top_speed = {"TrajectoryPlannerROS": {"max_vel_x": speeds[1]}}
+    jackal = JACKAL.with_parameters(top_speed, f"jackal with {speeds}")
+    robot = replace(jackal, space=tuple(parameters))
+    space = space_of(robot)
+
+    # When: it is in a dead end
+    rule = StallRule(robot)
+    for time in range(3):
+        drawn = rule.instead(SET, scene(float(time), robot=robot), space.theta0)
+
+    # Then
+    values = space.as_dict(drawn)
+    assert (values["min_vel_x"], values["max_vel_x"]) == pytest.approx((smallest, speeds[1]))
 
 
 def test_a_robot_that_is_held_while_it_backs_out_drives_instead():
