@@ -136,12 +136,38 @@ def test_diagnostics_report_odometry_that_contradicts_the_pose(problem):
 )
 def test_the_monitors_diagnostics_report_it_as_well(problem, verdict, level, message, monkeypatch):
     monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
-    node = MagicMock(_verdict=verdict, _counts={}, _commanded_wall=time.monotonic())
+    node = MagicMock(_verdict=verdict, _counts={}, _commanded_wall=time.monotonic(), _stray_line="")
     node.sensors.ages.return_value = {}
     node.sensors.odometry_problem = problem
     CollisionMonitorNode._report(node)
     status = node._diagnostics.publish.mock_calls[0].args[0].status[0]
     assert (status.level, status.message) == (level, message)
+
+
+def test_the_monitors_diagnostics_report_a_stray_laser_until_the_clock_jumps(monkeypatch):
+    monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
+    node = MagicMock(_verdict=Verdict((0.3, 0.0)), _counts={}, _commanded_wall=time.monotonic())
+    node._stray_line = ""
+    node.sensors.ages.return_value = {}
+    node.sensors.odometry_problem = ""
+    node.sensors.publisher_of.return_value = "/stray_driver"
+    reports = []
+    for strays, jumps in (
+        ([], False),
+        ([SimpleNamespace(frame="stray", count=3)], False),
+        ([], False),
+        ([], True),
+    ):
+        node.monitor.strays = strays
+        node._clock.went_back.return_value = jumps
+        node.sensors.observations.return_value = {"scan": None}
+        CollisionMonitorNode._take_scans(node)
+        CollisionMonitorNode._report(node)
+        status = node._diagnostics.publish.mock_calls[-1].args[0].status[0]
+        reports.append((status.level, status.message.partition(" has sent")[0]))
+    passing = (0, "commands pass")
+    stray = (1, "/stray_driver")
+    assert reports == [passing, stray, stray, passing]
 
 
 def test_cycles_that_were_missed_are_counted():

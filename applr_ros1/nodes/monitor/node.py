@@ -93,6 +93,7 @@ class CollisionMonitorNode:
         self._commanded_wall = 0.0
         self._zero_due = 0.0
         self._zeros = 0  # number of zeros sent since the base came to rest without a command
+        self._stray_line = ""  # line about the latest stray laser since the last clock jump
 
         # Escape motions are for the C++ move_base. This package's planner makes its own.
         self._planner: Optional[MoveBaseProgress] = None
@@ -149,6 +150,7 @@ class CollisionMonitorNode:
             self.sensors.forget()
             self.monitor.reset()
             self._commanded = rospy.Time(0)
+            self._stray_line = ""
             if self._planner is not None:
                 self._planner.forget()
         for topic, scan in self.sensors.observations().items():
@@ -162,7 +164,8 @@ class CollisionMonitorNode:
                     f"{publisher} has sent no {scans} for {LET_GO_S:g} s ({stray.count} before)"
                 )
                 remedy = "stop this publisher, or give its laser a topic of its own in more_scans"
-                rospy.logerr(f"collision monitor: {problem}: its scans no longer count; {remedy}")
+                self._stray_line = f"{problem}: its scans no longer count; {remedy}"
+                rospy.logerr(f"collision monitor: {self._stray_line}")
 
     @property
     def _stalled(self) -> str:
@@ -320,9 +323,10 @@ class CollisionMonitorNode:
         # A base that brakes as its planner asks is no problem.
         if is_idle or verdict.action in (PASS, BRAKE):
             level = DiagnosticStatus.OK
-            if self.sensors.odometry_problem:
+            warning = self.sensors.odometry_problem or self._stray_line
+            if warning:
                 level = DiagnosticStatus.WARN
-                message = self.sensors.odometry_problem
+                message = warning
         now = rospy.get_rostime()
         values = {
             "action": verdict.action,
