@@ -155,12 +155,18 @@ class Sensors:
         self.odometry_problem = ""
 
     def describe_latest(self, topic: str) -> str:
-        """Describe stamp, age and problem of the latest message on a source's topic."""
+        """Describe stamp, age and problem of the latest message on a source's topic.
+
+        If lasers share the topic, its frame says of which one it is.
+        """
         source = self._topics.get(topic)
         if source is None or source.stamp.is_zero():
             return "no message has arrived"
         age = (rospy.get_rostime() - source.stamp).to_sec()
-        description = f"the latest message has stamp {source.stamp.to_sec():.3f}, {age:.2f} s ago"
+        message = "the latest message"
+        if len(source.publishers) > 1:
+            message += f", of frame {source.frame},"
+        description = f"{message} has stamp {source.stamp.to_sec():.3f}, {age:.2f} s ago"
         return f"{description}; {source.trouble}" if source.trouble else description
 
     def publisher_of(self, topic: str, frame: str) -> str:
@@ -318,6 +324,7 @@ class _Topic:
         publishers: Name of the node that published the last message, by frame.
         name: Full name of the topic.
         stamp: Stamp of the last message; 0 before the first.
+        frame: Frame of the last message; "" before the first.
     """
 
     def __init__(self, topic: str, data_type: str, origin: str):
@@ -328,6 +335,7 @@ class _Topic:
         self.publishers: Dict[str, str] = {}
         self.name = rospy.resolve_name(topic)
         self.stamp = rospy.Time(0)
+        self.frame = ""
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
         rospy.Subscriber(
@@ -351,6 +359,7 @@ class _Topic:
             publisher_name = connection.get("callerid", "an unknown node")
             self.publishers[message.header.frame_id] = publisher_name
             self.stamp = message.header.stamp
+            self.frame = message.header.frame_id
 
     def forget(self) -> None:
         with self._lock:

@@ -144,6 +144,26 @@ def test_the_monitors_diagnostics_report_it_as_well(problem, verdict, level, mes
     assert (status.level, status.message) == (level, message)
 
 
+@pytest.mark.parametrize(
+    ("reason", "topic"),
+    [
+        ("the latest scan is 0.60 s old; the limit is 0.5 s", "scan"),
+        ("the latest scan on rear is 0.60 s old; the limit is 0.5 s", "rear"),
+        ("scan on rear: the scanner is blind", "rear"),
+        ("scan on rear/low of frame low_2: the scanner is blind", "rear/low"),
+    ],
+)
+def test_a_stop_for_a_scan_describes_the_latest_message_on_its_topic(reason, topic, monkeypatch):
+    monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
+    node = MagicMock(_scan_topic="scan", _more_scans=["rear", "rear/low"], _stalled="")
+    node._named_topic = lambda reason: CollisionMonitorNode._named_topic(node, reason)
+    node.sensors.odometry_trouble.return_value = ""
+    node.sensors.describe_latest = "the latest message of {}".format
+    node.monitor.filter.return_value = Verdict.stop((0.0, 0.0), reason)
+    verdict = CollisionMonitorNode._judge(node, (0.5, 0.0), creeps=True)
+    assert verdict.reason == f"{reason} (the latest message of {topic})"
+
+
 def test_the_monitors_diagnostics_report_a_stray_laser_until_the_clock_jumps(monkeypatch):
     monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
     node = MagicMock(_verdict=Verdict((0.3, 0.0)), _counts={}, _commanded_wall=time.monotonic())

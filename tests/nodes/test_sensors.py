@@ -166,6 +166,14 @@ def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
     assert robot.sensors.describe_latest("scan").startswith(stamp_and_age + reason)
 
 
+def test_a_line_about_a_scan_names_its_frame_if_lasers_share_the_topic(robot):
+    robot.time(103.0)
+    robot.scan(100.0, frame="rear")
+    robot.scan(102.98, frame="base")
+    latest = "the latest message, of frame base, has stamp 102.980, 0.02 s ago"
+    assert robot.sensors.describe_latest("scan") == latest
+
+
 @pytest.mark.parametrize("jump", [0.05, 0.45, 30.0])
 def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeypatch):
     # Given: messages of the time before, of which one scan waits for its transform

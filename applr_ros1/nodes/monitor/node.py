@@ -308,7 +308,7 @@ class CollisionMonitorNode:
     def _named_topic(self, reason: str) -> str:
         """Return the topic of the laser that a reason of the monitor names."""
         for topic in self._more_scans:
-            if re.search(rf"(^|on ){re.escape(topic)}\b", reason):
+            if re.search(rf"on {re.escape(topic)}[ :]", reason):
                 return topic
         return self._scan_topic
 
