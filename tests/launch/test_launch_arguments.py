@@ -392,6 +392,8 @@ def test_errors_of_the_nodes_are_shown_from_the_start_of_the_master_on(monkeypat
     stack.show_errors()
     has_started.set()
     assert is_shown.wait(HANGS)
+    # Each error is printed once, also if the stack ends later.
+    stack.show_errors()
     assert capfd.readouterr().err == "first\nsecond\n"
 
 

@@ -178,6 +178,7 @@ class LaunchedNodes:
         with self._lock:
             self._are_errors_shown = True
             print(end="".join(self._errors), file=sys.stderr)
+            self._errors.clear()
 
     def check(self) -> None:
         """Raise ApplrError if a node has died."""
