@@ -21,14 +21,14 @@ class Quantity(NamedTuple):
     """Velocity or turn rate of the base, for numbers and for people.
 
     Attributes:
-        moves: Least value of a motion; the noise of a scan matcher's poses lies below it.
+        smallest_motion: Least value of a motion; the noise of a scan matcher's poses lies below it.
         unit: Unit of the value.
         noun: Name of what the twist states.
         verb: What the pose does.
         belief: What the planner believes of a robot whose twist is 0.
     """
 
-    moves: float
+    smallest_motion: float
     unit: str
     noun: str
     verb: str
@@ -98,8 +98,8 @@ class _Comparison:
 
     def take(self, stamp: float, pose_value: float, twist_value: float, is_known: bool) -> None:
         """Compare the values of a message with `stamp` [s], if that of the poses is known."""
-        pose_moves = abs(pose_value) >= self._quantity.moves
-        twist_moves = abs(twist_value) >= self._quantity.moves
+        pose_moves = abs(pose_value) >= self._quantity.smallest_motion
+        twist_moves = abs(twist_value) >= self._quantity.smallest_motion
         suspect = ""
         if is_known and pose_moves and abs(twist_value) < STILL:
             suspect = TWIST

@@ -18,7 +18,7 @@ def test_one_laser_is_tracked_until_it_falls_silent():
 
     def add(frame, stamp):
         scan = scan_of(frame, stamp)
-        if laser.has_changed(scan):
+        if laser.switches_to(scan):
             changes.append((frame, stamp))
         if laser.takes(scan):
             tracked.append((frame, stamp))

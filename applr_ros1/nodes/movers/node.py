@@ -54,8 +54,11 @@ class TrackedLaser:
         """Forget the laser after the clock jumped back."""
         self._stamp = -math.inf
 
-    def has_changed(self, scan: LaserScan) -> bool:
-        """Return whether a scan is from another laser than the tracked one, which is silent."""
+    def switches_to(self, scan: LaserScan) -> bool:
+        """Track the laser of a scan instead if the tracked one is silent.
+
+        Return whether the laser has changed.
+        """
         if scan.frame == self._frame or scan.stamp - self._stamp <= SILENT_S:
             return False
         self._frame = scan.frame
@@ -100,7 +103,7 @@ class MoversNode:
             scan = self._sensors.observations().get(self._scan_topic)
             if scan is None:
                 continue
-            if self._laser.has_changed(scan):
+            if self._laser.switches_to(scan):
                 self._prediction.reset()
             if self._laser.takes(scan):
                 self._publish(scan)
