@@ -10,7 +10,7 @@ import math
 from typing import Any, Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.policy.parameter_space import SPEED_LIMITS, Space
+from applr_ros1.policy.parameter_space import Space
 
 # Number of periods without a heartbeat after which the applr node counts as dead
 LOST_PERIODS = 2.5
@@ -51,7 +51,8 @@ def start_up_requests(
     Args:
         move_base: The MoveBase.
         space: Space of the parameters.
-        max_speed: Upper limit of the maximum forward speed in the requests [m/s]; 0 for no limit.
+        max_speed: Upper limit of the speeds in the requests, as of Space.below [m/s]; 0 for no
+            limit.
 
     Returns:
         {server: {name: value}}
@@ -63,6 +64,9 @@ def start_up_requests(
             continue  # The policy may also learn parameters of a planner that is not in use.
         start_values = move_base.start_up_configuration(server)
         requests[server] = {name: start_values[name] for name in names}
-        for name in set(SPEED_LIMITS) & set(names):
-            requests[server][name] = min(start_values[name], speed_limit)
+    for parameter_index, target in space.addresses:
+        if target.server in requests and space.sets_speed[parameter_index]:
+            start_speed = target.signed(requests[target.server][target.name])
+            limited_speed = min(start_speed, speed_limit)
+            requests[target.server][target.name] = target.signed(limited_speed)
     return requests
