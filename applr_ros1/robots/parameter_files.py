@@ -120,8 +120,8 @@ def check_resolved(tree: Dict[str, Any], path: str) -> None:
         if isinstance(value, dict) and "$(" not in name:
             check_resolved(value, path)
         elif "$(" in f"{name} {value}":
-            text = f"{name} is {value}"
-            raise ApplrError(f"{path}: {text:.80}, which only roslaunch can resolve: {DUMP}")
+            problem = f"{name} is {shown(value)}, which only roslaunch can resolve"
+            raise ApplrError(f"{path}: {problem}: {DUMP}")
 
 
 def observation_sources(

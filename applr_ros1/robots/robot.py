@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, mode
 from typing_extensions import Annotated, Literal
 
 from applr_ros1.common.angles import Pose, transform_point
-from applr_ros1.common.errors import ApplrError, did_you_mean
+from applr_ros1.common.errors import ApplrError, did_you_mean, shown
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
@@ -497,7 +497,7 @@ class RobotFile(Section):
         for name, parameter in parameters:
             if not isinstance(parameter, dict):
                 raise ValueError(
-                    f"parameter_space.{name} is {parameter!r:.60}: give range and sets"
+                    f"parameter_space.{name} is {shown(parameter)}: give range and sets"
                 )
             parameter["name"] = name
             for target in parameter.get("sets") or ():

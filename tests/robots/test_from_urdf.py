@@ -690,7 +690,7 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
         (
             CART,
             {"files": {"local.yaml": "global_frame: $(arg prefix)odom\n"}},
-            rf"local.yaml: global_frame is \$\(arg prefix\)odom, which only roslaunch .*: {DUMP}",
+            rf"local.yaml: global_frame is '\$\(arg prefix\)odom', which only roslaunch .*: {DUMP}",
         ),
         (
             CART,
@@ -698,7 +698,7 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
                 "files": {"control.yaml": CONTROLLER.replace("right_joint", "$(env SIDE)")},
                 "places": CONTROLLED["places"],
             },
-            rf"control.yaml: right_wheel is \$\(env SIDE\), which only roslaunch .*: {DUMP}",
+            rf"control.yaml: right_wheel is '\$\(env SIDE\)', which only roslaunch .*: {DUMP}",
         ),
         (
             CART,

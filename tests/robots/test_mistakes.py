@@ -505,7 +505,7 @@ def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameter
         ("<launch/>", "planner.yaml is a launch file: "),
         (
             "controller_frequency: $(arg rate)",
-            r"controller_frequency is \$\(arg rate\), which only",
+            r"controller_frequency is '\$\(arg rate\)', which only",
         ),
     ],
 )
