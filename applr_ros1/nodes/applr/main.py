@@ -108,6 +108,7 @@ def main() -> int:
         seed = secrets.randbelow(2**31)
     seed = number_within("seed", seed, 0, 2**31 - 1)
     max_speed = number_within("max_speed", parameters.get("max_speed", 0), 0, math.inf)
+    max_speed = float(max_speed) or math.inf  # 0: no limit
     namespace = rospy.resolve_name(str(parameters.get("move_base", "move_base")))
     robot, prefix = named_robot(parameters)
     space = space_of(robot)
@@ -121,7 +122,7 @@ def main() -> int:
     for limits in crossed_limits(planner, limited_values):
         if limits.high in SPEED_LIMITS:
             lowest_limit = max(lowest_limit, values[limits.low])
-    if 0 < max_speed < lowest_limit:
+    if max_speed < lowest_limit:
         advice = f"give at least {lowest_limit:g} m/s, or 0 for no limit"
         raise ApplrError(f"max_speed is {max_speed:g}: {advice}")
     spec = str(parameters.get("method", "auto"))
@@ -137,7 +138,7 @@ def main() -> int:
         ApplrTopics(robot),
         float(period) or None,
         namespace,
-        float(max_speed) or math.inf,
+        max_speed,
         int(seed),
         meter_scoring,
         robot,
