@@ -14,7 +14,7 @@ class Cautious(Method):
     """Method whose speed limit depends on the smallest range of the scan."""
 
     def theta(self, context: Context) -> np.ndarray:
-        """Return the parameters (8,) until the next decision.
+        """Return the parameters (n,) until the next decision.
 
         Parameters left out keep their default.
         """

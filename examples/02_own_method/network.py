@@ -13,7 +13,7 @@ from applr_ros1.policy.methods import Method
 from applr_ros1.policy.parameter_space import SPACE
 
 
-class Theirs(Method):
+class ForeignNetwork(Method):
     """Method whose parameters are the outputs of a fully connected network."""
 
     period = 1.0
@@ -27,11 +27,13 @@ class Theirs(Method):
         ]
 
     def theta(self, context: Context) -> np.ndarray:
-        """Return the parameters (8,) until the next decision."""
+        """Return the parameters (n,) until the next decision."""
         # The network observes the scan, capped at 2 m, and the angle to the local goal.
         x = np.append(np.minimum(context.ranges, 2.0) / 2.0, context.phi / np.pi)
-        for i, (weight, bias) in enumerate(self.layers):
-            x = (np.maximum(x, 0.0) if i else x) @ weight.T + bias
+        *hidden_layers, (last_weight, last_bias) = self.layers
+        for weight, bias in hidden_layers:
+            x = np.maximum(x @ weight.T + bias, 0.0)
+        x = x @ last_weight.T + last_bias
         low, high = np.transpose(list(self.ranges.values()))
         values = low + 0.5 * (np.tanh(x) + 1.0) * (high - low)
         return SPACE.clip(SPACE.from_dict(dict(zip(self.ranges, values))))

@@ -53,13 +53,16 @@ def test_own_method(tmp_path):
 
 def test_a_network_of_another_project_sets_its_parameters(tmp_path):
     shutil.copy(ROOT / "examples" / "02_own_method" / "network.py", tmp_path)
-    # Given: a layer for 720 ranges and an angle, whose outputs are the middle and the upper end
-    layer = {
+    # Given: a layer for 720 ranges and an angle, whose negative output does not pass ReLU, and one
+    # whose outputs are the middle and the upper end
+    layers = {
         "0.weight": np.zeros((2, 721), np.float32),
-        "0.bias": np.array([0.0, 20.0], np.float32),
+        "0.bias": np.array([-5.0, 20.0], np.float32),
+        "1.weight": np.eye(2, dtype=np.float32),
+        "1.bias": np.zeros(2, np.float32),
     }
-    save_file(layer, tmp_path / "actor.safetensors")
-    method = methods.make(f"{tmp_path}/network.py:Theirs")
+    save_file(layers, tmp_path / "actor.safetensors")
+    method = methods.make(f"{tmp_path}/network.py:ForeignNetwork")
     scan = np.full(720, 5.0, np.float32)
     theta = method.theta(Context(ranges=scan, phi=0.0, theta=SPACE.theta0, time=0.0))
     parameters = SPACE.as_dict(theta)
