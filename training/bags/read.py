@@ -48,7 +48,7 @@ from applr_ros1.drives.drive import (
 )
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND, paths
-from training.bags.robot_time import RobotTime, Stamped
+from training.bags.robot_time import RecordedStamp, RobotTime
 from training.bags.topics import CHANNELS, TopicNames, topic_of
 from training.env.outcome import nearest
 
@@ -184,7 +184,9 @@ def _rows(
     return rows, begin_time, notes
 
 
-def _stamped(recorded_messages: Sequence[Tuple[int, str, str, Any]], channel: str) -> List[Stamped]:
+def _stamped(
+    recorded_messages: Sequence[Tuple[int, str, str, Any]], channel: str
+) -> List[RecordedStamp]:
     """Return recording times and stamps [ns] of a channel's messages that have a stamp."""
     stamped = []
     for recording_time, message_channel, _, fields in recorded_messages:

@@ -20,7 +20,7 @@ STEP_S = 1.0
 SAME_LENGTH = 1.05  # ratio of two durations up to which they are not told apart
 BEYOND_NS = 10_000 * SECOND  # time before and after these messages in which others may lie [ns]
 
-Stamped = Tuple[int, int]  # recording time and stamp of a message [ns]
+RecordedStamp = Tuple[int, int]  # recording time and stamp of a message [ns]
 
 
 class RobotTime:
@@ -36,7 +36,7 @@ class RobotTime:
         note: One line if the recording took longer or shorter than the drive, else "".
     """
 
-    def __init__(self, sensors: Sequence[Sequence[Stamped]]):
+    def __init__(self, sensors: Sequence[Sequence[RecordedStamp]]):
         self.note = ""
         self._recorded = np.zeros(0, np.int64)
         self._stamps = np.zeros(0, np.int64)
@@ -71,14 +71,14 @@ class RobotTime:
         return int(self._stamps[0]) + round(float(elapsed))
 
 
-def _agrees(messages: Sequence[Stamped]) -> bool:
+def _agrees(messages: Sequence[RecordedStamp]) -> bool:
     """Return whether stamps and recording times are usually of one clock."""
     recorded, stamps = np.array(messages, np.int64).T
     usual_difference = float(np.median(np.abs(stamps - recorded)))
     return usual_difference <= AGREE_S * SECOND
 
 
-def _steps(messages: Sequence[Stamped]) -> Sequence[Stamped]:
+def _steps(messages: Sequence[RecordedStamp]) -> Sequence[RecordedStamp]:
     """Return the first message, and each that is stamped STEP_S later than the one before.
 
     Times after a jump back are not known: they go on as before it.
@@ -91,7 +91,7 @@ def _steps(messages: Sequence[Stamped]) -> Sequence[Stamped]:
     return steps
 
 
-def _note(messages: Sequence[Stamped]) -> str:
+def _note(messages: Sequence[RecordedStamp]) -> str:
     """Return that recording and drive took different times, or ""."""
     first_recorded, first_stamp = messages[0]
     last_recorded, last_stamp = messages[-1]
