@@ -39,7 +39,7 @@ NO_REMEDY = (
 )
 SEED = 1
 SEARCH_S = 60.0  # interval between progress lines of the search for a remedy [s]
-_show = partial(print, flush=True)
+show = partial(print, flush=True)
 
 
 def courses(robot: Robot) -> List[World]:
@@ -116,7 +116,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     failures: Dict[str, str] = {}  # reason by course
     lines: List[str] = []
     driving = "driving on open floor (compiles kernels the first time, about a minute)"
-    with announced(driving, _show):
+    with announced(driving, show):
         floor = Floor(robot)
         for world in courses(robot):
             drive = floor.drive(world)
@@ -134,7 +134,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
             known_faults.append(remark)
     course, reason = next(iter(failures.items()))
     searching = f"searching for a remedy, because it does not {course} ({reason})"
-    with announced(searching, _show, every=SEARCH_S):
+    with announced(searching, show, every=SEARCH_S):
         advice = remedy(robot, known_faults, list(failures))
     only_at_the_door = course.startswith("drive through a door")
     if only_at_the_door and reason.startswith(STANDS):

@@ -2,14 +2,14 @@
 
 Run it as `./applr tune ROBOT` or `python -m training.tune ROBOT`. It begins on open floor: if the
 robot's default parameters do not drive there, it reports why and what to change. CMA-ES then
-searches in the kinematic simulator and in pybullet, also for the obstacle range of the costmaps,
-which move_base reads at its start, the best parameter sets race, and each
-parameter of the winner is reverted to its default if nothing is lost. Each drive starts a planner
-with the parameter set and with the defects of the C++ move_base, without the collision monitor. The
-winner is judged twice on courses that the search did not use: without the monitor for
-ROBOT/tuned.yaml, which any move_base loads, and with the monitor for ROBOT/static.json, which the
-applr node uses. A file is written only if its verdict is clearly better, and the exit status is 0
-only if a file is written. The same command continues a stopped run.
+searches in the kinematic simulator and in pybullet. It also searches the obstacle range of the
+costmaps, which move_base reads at its start. The best parameter sets race, and each parameter of
+the winner is reverted to its default if nothing is lost. Each drive starts a planner with the
+parameter set and with the defects of the C++ move_base, without the collision monitor. The winner
+is judged twice on courses that the search did not use: without the monitor for ROBOT/tuned.yaml,
+which any move_base loads, and with the monitor for ROBOT/static.json, which the applr node uses. A
+file is written only if its verdict is clearly better, and the exit status is 0 only if a file is
+written. The same command continues a stopped run.
 """
 
 from __future__ import annotations
@@ -31,13 +31,8 @@ from training.evaluate.score import AIMS
 from training.evaluate.table import Trials
 from training.evaluate.verdict import SET
 from training.robot import open_floor
-from training.tune.best_set import (
-    best_set,
-    drives_of,
-    search_space,
-    show,
-    warm_starts,
-)
+from training.robot.open_floor import show
+from training.tune.best_set import best_set, drives_of, search_space, warm_starts
 from training.tune.clock import Clock
 from training.tune.found_set import Judgement, changes, judged, scope, write_set
 from training.tune.options import TuneOptions, check_maps, split

@@ -31,6 +31,7 @@ from training.evaluate.runner import TrialWorld, run
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import Trials
 from training.evaluate.trial import Result, Trial
+from training.robot.open_floor import show
 from training.tune.clock import Clock
 from training.tune.options import TuneOptions
 from training.tune.search import (
@@ -57,7 +58,7 @@ SEARCH: Dict[str, Any] = {
     "population": 12,
     "worlds_per_set": 20,
 }
-RANGES_M = 1.0, 8.0  # bounds of the obstacle range, for the Jackal's size [m]
+RANGE_BOUNDS_M = 1.0, 8.0  # bounds of the obstacle range, for the Jackal's size [m]
 COARSE = "kinematic"  # simulator of the first part of the search
 FINE = "pybullet"  # simulator of everything after it
 # time limit of a drive of the search, in optimal times of the longest course
@@ -76,7 +77,6 @@ DRAWN: Dict[str, Any] = {  # randomisation of the drives, except of the ground
     "slip": [0.7, 1.4],
     "odometry": [0.5, 2],
 }
-show = partial(print, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[TrialWorld]) -> TrialSettings:
@@ -161,7 +161,7 @@ def search_space(robot: Robot) -> Space:
     if len(ranges_in_files) != 1:
         return space
     (range_in_files,) = ranges_in_files
-    nearest, farthest = (robot.world_scale * bound for bound in RANGES_M)
+    nearest, farthest = (robot.world_scale * bound for bound in RANGE_BOUNDS_M)
     farthest = min(farthest, robot.laser.range_max)
     return replace(
         space,

@@ -11,7 +11,7 @@ import yaml
 
 from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.obstacle_range import DECLARED, NAME
+from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import declaration
 from applr_ros1.robots import Robot
@@ -68,11 +68,11 @@ def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: P
     An obstacle range among the values is no live parameter: it stands beside them in the JSON file.
     """
     parameters = dict(values)
-    as_read: Dict[str, Any] = {"meter_scoring": False}
-    needed_range = parameters.pop(NAME, None)
+    set_content: Dict[str, Any] = {"meter_scoring": False}
+    needed_range = parameters.pop(obstacle_range.NAME, None)
     if needed_range is not None:
-        as_read[NAME] = needed_range
-    write_json(as_json, {**as_read, "parameters": parameters})
+        set_content[obstacle_range.NAME] = needed_range
+    write_json(as_json, {**set_content, "parameters": parameters})
     file_head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
     start_up = move_base_parameters(robot, parameters, needed_range)
     write_bytes(as_yaml, (file_head + yaml.safe_dump(start_up)).encode())
@@ -163,8 +163,8 @@ def changes(
     defaults = space.as_dict(space.theta0)
     rows = []
     for parameter_name, tuned_value in values.items():
-        declared = DECLARED
-        if parameter_name != NAME:
+        declared = obstacle_range.DECLARED
+        if parameter_name != obstacle_range.NAME:
             declared = declaration(robot, parameter_name)
         effect = effects[parameter_name]
         row = {
