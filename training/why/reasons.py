@@ -31,8 +31,8 @@ STILL_TURN = 0.1
 DRIVES_SPEED = 0.05
 DRIVES_TURN = 0.2
 PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
-# Share of the time in which the monitor delays reversals from which on it holds the robot. A planner
-# that keeps changing its direction is delayed for less.
+# Share of the time in which the monitor delays reversals from which on it holds the robot. A
+# planner that keeps changing its direction is delayed for less.
 DELAYED_SHARE = 0.3
 PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
 # Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
