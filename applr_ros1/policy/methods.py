@@ -86,11 +86,8 @@ class FixedParameters(Method):
         return self.values.copy()
 
     def describe(self) -> Dict[str, Any]:
-        """Return the parameter set as {name: value}, and its obstacle range if it has one."""
-        description: Dict[str, Any] = {"parameters": self.space.as_dict(self.values)}
-        if self.obstacle_range is not None:
-            description["obstacle_range"] = self.obstacle_range
-        return description
+        """Return the parameter set as {name: value}."""
+        return {"parameters": self.space.as_dict(self.values)}
 
 
 class RandomParameters(Method):

@@ -415,8 +415,6 @@ def test_a_set_and_a_policy_say_up_to_which_range_obstacles_must_be_marked(tmp_p
     for spec in (set_file, policy_file):
         assert methods.make(str(spec)).obstacle_range == 5.0
         assert methods.obstacle_range(str(spec), robots.JACKAL) == 5.0
-    described = methods.make(str(set_file)).describe()
-    assert described["obstacle_range"] == 5.0
 
     # The baseline drives with the files of the robot's maker, and so does what says nothing.
     save(policy_file, make_weights())

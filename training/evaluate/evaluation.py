@@ -117,6 +117,9 @@ def settings(
             "period_s": method.period,
             "redraws_stalled": method.redraws_stalled and not is_loaded,
         }
+        # Only a method with a range of its own has it, so that older evaluations can be continued.
+        if method.obstacle_range is not None:
+            described[name]["obstacle_range"] = method.obstacle_range
     names = []
     specifications = []
     with_movers = []

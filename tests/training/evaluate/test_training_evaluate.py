@@ -323,6 +323,23 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     ]
 
 
+def test_a_users_class_with_another_obstacle_range_does_not_continue_an_evaluation(
+    tmp_path, run, refused
+):
+    arguments = {}
+    for obstacle_range in (None, 4.0, 5.0):
+        folder = tmp_path / str(obstacle_range)
+        folder.mkdir()
+        attribute = f"class Cautious(Method):\n    obstacle_range = {obstacle_range}"
+        module_text = MY_MODULE.replace("class Cautious(Method):", attribute)
+        (folder / "mine.py").write_text(module_text)
+        specification = f"{folder}/mine.py:Cautious"
+        arguments[obstacle_range] = command(tmp_path / "out", chosen=specification)
+    assert run(arguments[4.0]) == 0
+    for obstacle_range in (None, 5.0):
+        refused(arguments[obstacle_range], "another methods", "--out")
+
+
 # -- the real stack --------------------------------------------------------------------------------
 def test_trial_depends_on_its_task_only():
     """A trial driven first, or after another world and method, has the same result to the last
