@@ -115,6 +115,28 @@ def test_a_run_learns_with_the_obstacle_range_of_the_set_or_policy_at_its_start(
         assert config.environment()["obstacle_range"] == expected
 
 
+def test_a_resumed_run_learns_on_with_the_range_of_its_own_policy(tmp_path):
+    # Given: a run whose start is gone
+    out = tmp_path / "run"
+    out.mkdir()
+    stored = {"out": str(out), "init_from": str(tmp_path / "gone.safetensors")}
+    (out / "config.json").write_text(json.dumps(stored))
+    # Then: what it has written counts, also if this says nothing
+    for metadata, expected in (({"obstacle_range": 4.0}, 4.0), ({}, None)):
+        save(out / "actor.safetensors", make_weights(), metadata)
+        config = parse(["--resume", "--out", str(out)])
+        assert config.environment()["obstacle_range"] == expected
+    # Also if the start has changed
+    start = tmp_path / "start.safetensors"
+    save(start, make_weights(), {"obstacle_range": 6.0})
+    stored["init_from"] = str(start)
+    (out / "config.json").write_text(json.dumps(stored))
+    assert parse(["--resume", "--out", str(out)]).obstacle_range is None
+    # A run that was stopped before it wrote a policy begins with its start.
+    (out / "actor.safetensors").unlink()
+    assert parse(["--resume", "--out", str(out)]).obstacle_range == 6.0
+
+
 def test_a_resumed_run_has_its_stored_options(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path)}))
     assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4

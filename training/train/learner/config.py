@@ -256,7 +256,15 @@ class TrainConfig(
         """Range [m] for which --init-from was made (Method.obstacle_range), or None.
 
         The policy learns with the same range, and its file asks for it.
+
+        Raises:
+            ApplrError: The policy of the resumed run cannot be read.
         """
+        # As with its checkpoint, what a run has written counts more than its start, which may have
+        # changed or be gone.
+        own_policy = Path(self.out) / "actor.safetensors"
+        if self.resume and own_policy.exists():
+            return methods.make(str(own_policy), self.robot).obstacle_range
         run_policy = Path(self.init_from) / "actor.safetensors"
         if self.init_from and run_policy.exists():
             return methods.obstacle_range(str(run_policy), self.robot)
