@@ -13,7 +13,7 @@ import numpy as np
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, SentGoal, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.clocks import APART_S, clocks_differ, one_clock, stamped_later
+from training.bags.clocks import scans_apart
 from training.bags.read import BagError, read, refused
 from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD
@@ -57,10 +57,9 @@ def instants(drive: Drive) -> Drive:
     assert drive.odometry is not None
     assert drive.commands is not None
     motion = drive.odometry
-    later = stamped_later(drive.scans, motion)
-    if abs(later) > APART_S:
-        problem = clocks_differ("scans are", later, "the odometry")
-        raise BagError(f"{problem}; {one_clock('laser')}")
+    apart = scans_apart(drive.scans, motion)
+    if apart:
+        raise BagError(apart)
     # The instants are those of scans: odometry and commands are more frequent.
     scan_rows = _beats(drive.scans.stamp)
     times = drive.scans.stamp[scan_rows]

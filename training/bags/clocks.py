@@ -28,6 +28,14 @@ def clocks_differ(messages: str, later: float, others: str) -> str:
     return f"{messages} stamped {abs(later):,.1f} s {direction} {others}: the clocks differ"
 
 
+def scans_apart(scans: Stamped, odometry: Stamped) -> str:
+    """Return in words that scans have another clock than the odometry, with the remedy, or ""."""
+    later = stamped_later(scans, odometry)
+    if abs(later) <= APART_S:
+        return ""
+    return f"{clocks_differ('scans are', later, 'the odometry')}; {one_clock('laser')}"
+
+
 def one_clock(device: str) -> str:
     """Return the remedy for a device with a clock of its own."""
     return f"set the driver of the {device} to the computer's time"

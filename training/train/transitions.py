@@ -21,6 +21,7 @@ from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
+from training.bags.clocks import scans_apart
 from training.bags.read import BagError
 from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD, TIME_LIMIT
@@ -34,8 +35,6 @@ MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
 # Movement between two poses that counts as a jump, in addition to that at FASTEST_M_S [m]
 JUMP_M = 0.3
-# Difference between the times of recorder and messages above which their clocks differ [s]
-CLOCK_S = 1.0
 
 
 class Skipped(ApplrError):
@@ -134,11 +133,11 @@ def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
     # An older node published decisions without the inputs that they were based on.
     if any(decision.seen is None for decision in (*drive.decisions, *drive.ends)):
         raise BagError("its decisions were recorded by an older version, without their inputs")
-    # Decisions have the recorder's times, scans and odometry those of their messages.
     assert drive.scans is not None
-    if abs(np.median(drive.scans.time - drive.scans.stamp)) > CLOCK_S:
-        problem = "recorded with another clock than that of its messages"
-        raise BagError(f"{problem}: set use_sim_time in the recorder")
+    assert drive.odometry is not None
+    apart = scans_apart(drive.scans, drive.odometry)
+    if apart:
+        raise BagError(apart)
     recorded = list(drive.decisions[0].before)
     if set(recorded) != set(encoding.space.names):
         raise BagError(

@@ -24,7 +24,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.robots import Robot
-from training.bags.clocks import APART_S, clocks_differ, one_clock, stamped_later
+from training.bags.clocks import APART_S, clocks_differ, one_clock, scans_apart, stamped_later
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.read import read, refused, topics_in
 from training.bags.topics import BagOptions, TopicNames
@@ -290,13 +290,12 @@ def _compare_clocks(drive: Drive) -> None:
     """
     assert drive.scans is not None
     assert drive.odometry is not None
-    later = stamped_later(drive.scans, drive.odometry)
-    if abs(later) <= APART_S:
+    apart = scans_apart(drive.scans, drive.odometry)
+    if not apart:
         return
-    problem = clocks_differ("scans are", later, "the odometry")
-    if abs(later) > TF_BUFFER_S:
-        raise ApplrError(f"{problem}, so that tf drops the scans; {one_clock('laser')}")
-    drive.notes.append(f"{problem}; {one_clock('laser')}")
+    if abs(stamped_later(drive.scans, drive.odometry)) > TF_BUFFER_S:
+        raise ApplrError(f"{apart}, or tf drops the scans")
+    drive.notes.append(apart)
 
 
 def _compare_velocities(drive: Drive) -> None:

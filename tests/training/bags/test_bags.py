@@ -431,6 +431,18 @@ def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(bag
     assert skipped == {}
 
 
+def test_scans_in_the_lasers_own_time_give_no_transitions(bag_path):
+    record(bag_path)
+    drive = read(bag_path)
+    drive.scans = replace(drive.scans, stamp=drive.scans.stamp + 60.0)
+    with pytest.raises(ApplrError) as refusal:
+        transitions(drive)
+    assert str(refusal.value) == (
+        "scans are stamped 60.0 s after the odometry: the clocks differ; "
+        "set the driver of the laser to the computer's time"
+    )
+
+
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(bag_path, seconds):
     """Rewards scale with the period, as in training. A course of two decisions uses the period of
