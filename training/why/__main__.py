@@ -105,25 +105,29 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
     # A robot whose files are wrong is reported before a long bag is read.
     replay = Replay(options.robot)
     drive = drive_of(path, options)
+    replay.run(drive)
+    if replay.cycles:
+        replay = with_range_of_method(replay)
     # On stderr, so that --json prints nothing but the object
     for note in drive.notes:
         print(f"{path}: {note}", file=sys.stderr)
-    replay.run(drive)
     if not replay.cycles:
         raise ApplrError(
             f"{path}: no command has a plan, a scan and odometry: "
             "record the drive from its beginning"
         )
-    return with_range_of_method(replay)
+    return replay
 
 
 def with_range_of_method(replay: Replay) -> Replay:
     """Return the replay that reproduces most: this one, or one with the range of a method.
 
     No bag says up to which range obstacles were marked. A move_base that was started for the
-    robot's policy or tuned set marks them up to the one for which this was made.
+    robot's policy or tuned set marks them up to the one for which this was made. The drive gets a
+    note if that is the range.
     """
     best_replay = replay
+    best_range = None
     needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
     for needed_range in needed_ranges - {None}:
         if best_replay.share_of_cycles >= ENOUGH:
@@ -132,6 +136,12 @@ def with_range_of_method(replay: Replay) -> Replay:
         other_replay.run(replay.drive)
         if other_replay.reproduced > best_replay.reproduced:
             best_replay = other_replay
+            best_range = needed_range
+    if best_range is not None:
+        replay.drive.notes.append(
+            f"obstacles are marked up to {best_range:g} m, as the robot's set or policy asks: "
+            "with the range of its files, fewer commands are reproduced"
+        )
     return best_replay
 
 

@@ -126,13 +126,18 @@ def test_a_drive_with_the_range_of_the_robots_set_is_reproduced_with_this_range(
     (folder / "applr.safetensors").unlink()
     (folder / "static.json").write_text('{"obstacle_range": 1.0, "parameters": {}}')
     robot = robots.load(str(folder))
-    for driven_range, expected_range in ((1.0, 1.0), (None, 2.5)):
+    of_the_set = (
+        "obstacles are marked up to 1 m, as the robot's set or policy asks: "
+        "with the range of its files, fewer commands are reproduced"
+    )
+    for driven_range, expected_range, notes in ((1.0, 1.0, [of_the_set]), (None, 2.5, [])):
         drive, _ = simulated(robot.seeing(driven_range), "generated:40", limit=8)
-        # Then: the replay finds out which one it was
+        # Then: the replay finds out which one it was, and says so
         replay = why.with_range_of_method(replayed(robot, drive))
         assert replay.reproduced == len(replay.cycles)
         (buffer,) = replay.costmap.obstacles.buffers
         assert buffer.source.obstacle_range == expected_range
+        assert replay.drive.notes == notes
 
 
 def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
