@@ -316,15 +316,22 @@ def _compare_velocities(drive: Drive) -> None:
 
 
 def _velocities_by_poses(motion: Motion) -> np.ndarray:
-    """Return the velocities (n, 2) v [m/s], w [rad/s] that the poses of a motion show."""
+    """Return the velocities (n, 2) v [m/s], w [rad/s] that the poses of a motion show.
+
+    They are the recorded ones if the poses are too rare to show any.
+    """
     by_poses = PoseMotion(VELOCITY_SPAN_S)
     middle_stamps = []
     velocities = []
     for stamp, (x, y, yaw), (recorded_v, _) in _messages(motion):
         by_poses.take(stamp, (x, y, yaw), recorded_v)
+        if not by_poses.baseline:  # Nothing is known at the begin and after a gap.
+            continue
         # A velocity holds for the middle of the time over which it is measured.
         middle_stamps.append(stamp - by_poses.baseline / 2)
         velocities.append((by_poses.velocity.v, by_poses.velocity.w))
+    if not velocities:
+        return motion.twist
     measured_v, measured_w = np.array(velocities).T
     v = np.interp(motion.stamp, middle_stamps, measured_v)
     w = np.interp(motion.stamp, middle_stamps, measured_w)

@@ -596,6 +596,30 @@ def test_of_odometry_without_twists_the_poses_are_believed():
     assert replay.measured(100) == (tuple(drive.odometry.pose[100]), (0.0, 0.0))
 
 
+def test_velocities_by_poses_are_known_at_the_begin_and_after_a_gap_in_the_odometry():
+    # Given: steady motion by poses without twists, a second of which is missing
+    drive = sent_to_the_end(1.7, (0.0, 0.0))
+    motion = drive.odometry
+    is_kept = (motion.stamp < 4.0) | (motion.stamp > 5.0)
+    drive.odometry = Motion(
+        motion.time[is_kept], motion.stamp[is_kept], motion.pose[is_kept], motion.twist[is_kept]
+    )
+    # Then: no message takes the robot to stand
+    assert fitted(drive, RecordedOptions()).odometry.twist[:, 0] == pytest.approx(0.17)
+
+
+def test_odometry_too_rare_to_show_a_velocity_keeps_its_twists():
+    drive = sent_to_the_end(1.7, (0.0, 0.0))
+    motion = drive.odometry
+    rows = np.arange(0, len(motion), 16)  # every 0.8 s
+    drive.odometry = Motion(
+        motion.time[rows], motion.stamp[rows], motion.pose[rows], motion.twist[rows]
+    )
+    fitted_drive = fitted(drive, RecordedOptions())
+    assert len(fitted_drive.notes) == 1
+    assert not fitted_drive.odometry.twist.any()
+
+
 def test_of_odometry_without_poses_the_twists_are_believed():
     drive = fitted(sent_to_the_end(0.0, (0.3, 0.0)), RecordedOptions())
     (note,) = drive.notes
