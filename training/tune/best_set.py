@@ -153,7 +153,7 @@ def search_space(robot: Robot) -> Space:
 
     `chosen` are the parameters that can be loaded (loadable_space) and, as the last one, the
     obstacle range, which move_base reads only at its start. The range is left out if the robot's
-    files have none for a laser, or several.
+    files have none for a laser, or several, or if its laser is too short for another.
     """
     space = loadable_space(robot)
     sources = obstacle_range.laser_sources(robot.parameters())
@@ -163,11 +163,15 @@ def search_space(robot: Robot) -> Space:
     (range_in_files,) = ranges_in_files
     nearest, farthest = (robot.world_scale * bound for bound in RANGE_BOUNDS_M)
     farthest = min(farthest, robot.laser.range_max)
+    shortest_range = min(nearest, range_in_files)
+    longest_range = max(farthest, range_in_files)
+    if shortest_range >= longest_range:
+        return space
     return replace(
         space,
         names=(*space.names, obstacle_range.NAME),
-        low=np.append(space.low, min(nearest, range_in_files)),
-        high=np.append(space.high, max(farthest, range_in_files)),
+        low=np.append(space.low, shortest_range),
+        high=np.append(space.high, longest_range),
         integer=np.append(space.integer, False),
         theta0=np.append(space.theta0, range_in_files),
         targets={**space.targets, obstacle_range.NAME: ()},

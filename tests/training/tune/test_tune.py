@@ -394,12 +394,17 @@ def test_progress_lines_count_courses_however_many_sets_drive_them(jackal, monke
 
     monkeypatch.setattr(best_set, "announced", announced)
     assert tune(jackal, "toy") == 0
-    assert works
+    driven_courses = 0
+    courses_of_one_set = 0
     for work in works:
         driven, with_each = re.fullmatch(
             r"driving (\d+) courses in \w+ \((\d+) with each set\)", work
         ).groups()
         assert int(driven) % int(with_each) == 0
+        driven_courses += int(driven)
+        courses_of_one_set += int(with_each)
+    # Some lines are of several sets.
+    assert driven_courses > courses_of_one_set
 
 
 def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
@@ -550,6 +555,11 @@ def test_a_search_tries_ranges_that_the_laser_has_and_none_for_a_robot_with_two(
     local = {"local_costmap": {"obstacles_layer": {"scan": {"obstacle_range": 2.0}}}}
     space = best_set.search_space(JACKAL.with_parameters(local, "jackal"))
     assert space.names == space_of(JACKAL).names
+
+    # Nor for one whose files have the only range that its laser allows
+    short_laser = JACKAL.laser.model_copy(update={"range_max": 1.0})
+    short_sighted = replace(JACKAL.seeing(1.0), laser=short_laser)
+    assert best_set.search_space(short_sighted).names == space_of(JACKAL).names
 
 
 @pytest.mark.parametrize("name", robots.NAMES)
