@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -198,31 +198,34 @@ class TrialRunner:
             total_reward=total_reward,
         )
 
-    @cached_property
+    @property
     def episode(self) -> Episode:
         """Episode loop whose planner starts with the robot's default parameters."""
-        return self._episode(self.robot)
+        return self._seeing(None)
 
     def _episode_seeing(self, obstacle_range: Optional[float]) -> Episode:
         """Return an episode loop whose planner starts with the robot's default parameters.
 
-        obstacle_range: Range [m] for which the method was made (policy.decision.Method), or None.
+        Args:
+            obstacle_range: Range [m] for which the method was made (policy.decision.Method), or
+                None.
         """
-        if obstacle_range is None:
-            return self.episode
         return self._episode(self.robot.seeing(obstacle_range))
 
     def starting_with(self, theta: Array, obstacle_range: Optional[float] = None) -> Episode:
         """Return an episode loop whose planner starts with a parameter set (n,).
 
-        obstacle_range: Range [m] for which the set was made, or None.
+        Args:
+            theta: Parameter set.
+            obstacle_range: Range [m] for which the set was made, or None.
         """
         changed = {}
         for (name, value), default in zip(self.space.as_dict(theta).items(), self.space.theta0):
             if value != default:
                 changed[name] = value
-        parameters = move_base_parameters(self.robot, changed, obstacle_range)
-        return self._episode(self.robot.with_parameters(parameters, self.robot.name))
+        parameters = move_base_parameters(self.robot, changed)
+        seeing_robot = self.robot.seeing(obstacle_range)
+        return self._episode(seeing_robot.with_parameters(parameters, self.robot.name))
 
     def _episode(self, starts: Robot) -> Episode:
         """Return an episode loop whose planner starts with the parameters of a robot."""

@@ -2,14 +2,18 @@
 reconfigure.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import safetensors.numpy
 
 from applr_ros1 import robots
+from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.stall import StallRule
+from applr_ros1.robots.robot import MoveBaseSetup
 from tests.support.robots import make_weights
 from training.env.settings import TrialSettings
 from training.evaluate.loaded import loadable_space
@@ -157,6 +161,27 @@ def test_a_sets_obstacle_range_is_that_of_its_costmaps_and_never_of_the_baseline
     theta = tuple(SPACE.theta0.tolist())
     runner.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=theta, obstacle_range=4.0))
     assert started == [(5.0, 5.5), (2.5, 3.0), (4.0, 4.5)]
+
+
+def test_a_loaded_sets_obstacle_range_is_also_that_of_the_setup_with_a_map(started):
+    # Given: a robot whose global costmap has another layer with a map
+    waffle = robots.load("turtlebot3_waffle_pi")
+    without_map, with_map = waffle.move_base
+    layer = {
+        "observation_sources": "scan",
+        "scan": {"topic": "scan", "data_type": "LaserScan", "marking": True, "clearing": True},
+    }
+    plugins = [
+        {"name": "static", "type": "costmap_2d::StaticLayer"},
+        {"name": "seen", "type": "costmap_2d::ObstacleLayer"},
+        {"name": "inflated", "type": "costmap_2d::InflationLayer"},
+    ]
+    with_layer = merged(with_map, {"global_costmap": {"plugins": plugins, "seen": layer}})
+    robot = replace(waffle, move_base=MoveBaseSetup(without_map, with_layer))
+    runner = TrialRunner(TrialSettings(robot=robot, loaded=True))
+    # Then: both its planners have the range
+    runner.starting_with(runner.space.theta0, obstacle_range=1.5)
+    assert started == [(1.5, 2.0)] * 2
 
 
 def test_the_policy_of_a_training_is_tried_with_the_range_with_which_it_learns(started):
