@@ -6,9 +6,9 @@ nothing is commanded, and a command that the collision monitor stops moves nothi
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass
-from typing import Callable, List, Optional, Sequence, TypeVar
+from typing import Callable, DefaultDict, List, Optional, Sequence, TypeVar
 
 import numpy as np
 
@@ -257,7 +257,7 @@ def held(stretch: Stretch) -> str:
     if verdicts is None:
         return ""
     seconds = _durations(verdicts, stretch.end)
-    blocked_s: Counter[str] = Counter()
+    blocked_s: DefaultDict[str, float] = defaultdict(float)  # time by reason [s]
     delayed_s = 0.0
     for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
         if is_blocked:
@@ -270,7 +270,7 @@ def held(stretch: Stretch) -> str:
     blocked_total = sum(blocked_s.values())
     if not stretch.is_reason(blocked_total):
         return ""
-    reason = blocked_s.most_common(1)[0][0]
+    reason = max(blocked_s, key=blocked_s.__getitem__)
     share = f"{100 * blocked_total / stretch.seconds:.0f} %"
     return f"the collision monitor intervenes {share} of the time: {reason}"
 
