@@ -8,6 +8,8 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.actor import save
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
+from applr_ros1.robots import JACKAL
 from tests.support.robots import make_weights
 from tests.support.runs import one_line, toy
 from training.train import __main__ as train
@@ -135,6 +137,22 @@ def test_a_resumed_run_learns_on_with_the_range_of_its_own_policy(tmp_path):
     # A run that was stopped before it wrote a policy begins with its start.
     (out / "actor.safetensors").unlink()
     assert parse(["--resume", "--out", str(out)]).obstacle_range == 6.0
+
+
+def test_a_resumed_run_keeps_the_fixed_values_of_its_own_policy(tmp_path):
+    # Given: a run whose parameter set has changed since
+    out = tmp_path / "run"
+    out.mkdir()
+    set_file = tmp_path / "set.json"
+    stored = {"out": str(out), "init_from": str(set_file), "observation": "dimensionless"}
+    (out / "config.json").write_text(json.dumps(stored))
+    encoding = DimensionlessEncoding(JACKAL, 2.0, {"min_in_place_vel_theta": 0.7})
+    weights = make_weights(inputs=encoding.size, outputs=encoding.actions)
+    save(out / "actor.safetensors", weights, {}, encoding)
+    set_file.write_text('{"min_in_place_vel_theta": 0.5}')
+    # Then: its drives go on with the values with which it has learned
+    _, fixed_values = parse(["--resume", "--out", str(out)]).start
+    assert fixed_values == {"min_in_place_vel_theta": 0.7}
 
 
 def test_a_resumed_run_has_its_stored_options(tmp_path):

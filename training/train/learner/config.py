@@ -17,7 +17,7 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, read_yaml, reading
 from applr_ros1.planner.variant import OURS
-from applr_ros1.policy import methods
+from applr_ros1.policy import actor, methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER as PAPER_ENCODING
@@ -235,11 +235,14 @@ class TrainConfig(
     def start(self) -> Tuple[Optional[Array], Dict[str, float]]:
         """Action (m,) that the untrained policy returns, and values of parameters that none sets.
 
-        They are None and {} unless --init-from is a parameter set.
+        They are None and {} unless --init-from is a parameter set. A resumed run begins at its
+        checkpoint, with the values of its own policy.
         """
         is_method = self.init_from in methods.METHODS or self.init_from.endswith(".json")
         if not is_method:
             return None, {}
+        if self.own_policy is not None:
+            return None, self.own_policy.encoding.base
         method = methods.make(self.init_from, self.robot)
         if not isinstance(method, methods.FixedParameters):
             return None, {}
@@ -252,19 +255,31 @@ class TrainConfig(
         return encoding.action(method.values), base
 
     @cached_property
+    def own_policy(self) -> Optional[actor.Policy]:
+        """Policy that the resumed run has written, or None.
+
+        As with its checkpoint, what a run has written counts more than its start, which may have
+        changed or be gone.
+
+        Raises:
+            ApplrError: The policy cannot be read.
+        """
+        own_file = Path(self.out) / "actor.safetensors"
+        if not self.resume or not own_file.exists():
+            return None
+        policy = actor.load(own_file, self.robot)
+        assert isinstance(policy, actor.Policy)  # A run writes no contexts.
+        return policy
+
+    @cached_property
     def obstacle_range(self) -> Optional[float]:
         """Range [m] for which --init-from was made (Method.obstacle_range), or None.
 
-        The policy learns with the same range, and its file asks for it.
-
-        Raises:
-            ApplrError: The policy of the resumed run cannot be read.
+        The policy learns with the same range, and its file asks for it. A resumed run keeps that of
+        its own policy.
         """
-        # As with its checkpoint, what a run has written counts more than its start, which may have
-        # changed or be gone.
-        own_policy = Path(self.out) / "actor.safetensors"
-        if self.resume and own_policy.exists():
-            return methods.make(str(own_policy), self.robot).obstacle_range
+        if self.own_policy is not None:
+            return self.own_policy.obstacle_range
         run_policy = Path(self.init_from) / "actor.safetensors"
         if self.init_from and run_policy.exists():
             return methods.obstacle_range(str(run_policy), self.robot)
