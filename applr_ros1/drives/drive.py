@@ -398,4 +398,4 @@ class Drive:
         for column_name in columns:
             # The length of rows is their truth value.
             if not getattr(self, column_name):
-                raise DriveError(f"{self.name}: no {column_name} was recorded")
+                raise DriveError(f"{self.name}: it has no {column_name}")
