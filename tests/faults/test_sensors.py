@@ -139,7 +139,8 @@ def test_a_transform_stamped_far_ahead_stops_the_robot_only_briefly(stack, measu
     duration = stack.relay.now - broken_at
     measured("drives again within", duration, "s")
     assert duration < 15.0
-    problem = "is stamped 1000"
+    # The clock of the node may be a cycle before or behind that of the message.
+    problem = "ignored: it is stamped"
     wait_for(lambda: problem in stack.output("move_base"), "a line about the transform")
     assert "TF_OLD_DATA" not in stack.output("move_base")
 
