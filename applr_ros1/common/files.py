@@ -117,7 +117,7 @@ def read_json(path: Any) -> Any:
         return json.loads(read_bytes(path))
 
 
-class Loader(yaml.SafeLoader):
+class LimitedLoader(yaml.SafeLoader):
     """YAML loader of plain values that refuses files with too many values or levels.
 
     Aliases of aliases can stand for more values than fit into memory, and the time of PyYAML
@@ -154,7 +154,7 @@ def read_yaml(path: Any) -> Any:
     return yaml_value(read_bytes(path), path)
 
 
-def yaml_value(text: Any, name: Any, loader: Any = Loader) -> Any:
+def yaml_value(text: Any, name: Any, loader: Any = LimitedLoader) -> Any:
     """Return the value of a YAML text.
 
     Raises FileError if it is invalid; the line begins with `name`.

@@ -70,7 +70,7 @@ SLOWEST = {  # for speed and turn rate, by local planner
 }
 
 
-class Limits(NamedTuple):
+class LimitPair(NamedTuple):
     """Two limits of one quantity of a local planner, of which `low` should not exceed `high`.
 
     Attributes:
@@ -91,26 +91,26 @@ class Limits(NamedTuple):
 # (simple_trajectory_generator.cpp, generateTrajectory).
 LIMITS = {
     "TrajectoryPlannerROS": (
-        Limits("min_vel_x", "max_vel_x"),
+        LimitPair("min_vel_x", "max_vel_x"),
         # Turns in place are raised to the smallest one, beyond the largest.
-        Limits("min_in_place_vel_theta", "max_vel_theta"),
+        LimitPair("min_in_place_vel_theta", "max_vel_theta"),
     ),
     "DWAPlannerROS": (
-        Limits("min_vel_x", "max_vel_x"),
-        Limits("min_vel_x", "max_vel_trans", consequence="no lasting speed is allowed"),
-        Limits(
+        LimitPair("min_vel_x", "max_vel_x"),
+        LimitPair("min_vel_x", "max_vel_trans", consequence="no lasting speed is allowed"),
+        LimitPair(
             "min_vel_trans",
             "max_vel_trans",
             unless_zero="min_vel_theta",
             consequence="no straight command is allowed",
         ),
-        Limits(
+        LimitPair(
             "min_vel_trans",
             "max_vel_x",
             unless_zero="min_vel_theta",
             consequence="no straight command ahead is allowed",
         ),
-        Limits("min_vel_theta", "max_vel_theta", unless_zero="min_vel_trans"),
+        LimitPair("min_vel_theta", "max_vel_theta", unless_zero="min_vel_trans"),
     ),
 }
 
@@ -177,7 +177,7 @@ def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
     return found_remarks
 
 
-def crossed_limits(planner: str, values: Mapping[str, Any]) -> List[Limits]:
+def crossed_limits(planner: str, values: Mapping[str, Any]) -> List[LimitPair]:
     """Return the limits of a local planner whose smallest value exceeds the largest one.
 
     Args:

@@ -30,7 +30,7 @@ _ANGLE = re.compile(
 _SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"
 
 
-class Loader(files.Loader):
+class Loader(files.LimitedLoader):
     """YAML loader with rosparam's angles and rqt_reconfigure's tag.
 
     Angles are !degrees 90, !radians pi/2, deg(90) and rad(pi/2).
