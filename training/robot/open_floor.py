@@ -22,7 +22,8 @@ from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
-from training.env.episode import Episode, counting_cells
+from applr_ros1.stack.simulated import counting_cells
+from training.env.episode import Episode
 from training.why.candidates import single_candidates, with_changes
 from training.why.reasons import STANDS, failure_of
 from worlds import Course, World

@@ -27,7 +27,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings, send
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
-from training.env.episode import counting_cells
+from applr_ros1.stack.simulated import counting_cells
 from training.why.events import Limits
 
 # Reasons why a command is no cycle of the local planner
