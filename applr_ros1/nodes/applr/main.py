@@ -151,7 +151,7 @@ def main() -> int:
         rospy.logerr(f"applr: {trouble}; driving with the default parameters")
         node.degraded = trouble
     ready_message = "applr: ready, method %s, a decision every %g s, seed %d"
-    rospy.loginfo(ready_message, method.name, node.period, node.seed)
+    rospy.loginfo(ready_message, method.name, node.pilot.period, node.seed)
     # Objects that are loaded by now are permanent: the garbage collector can skip them.
     gc.collect()
     gc.freeze()

@@ -26,8 +26,7 @@ from applr_ros1.nodes.sensors import Clock
 from applr_ros1.planner.parameters.obstacle_range import mismatch
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.layout import ObservationError
-from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import StallRule
+from applr_ros1.policy.pilot import LOST_PERIODS, METHOD, Pilot
 from applr_ros1.robots import JACKAL, Robot
 
 TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
@@ -36,8 +35,6 @@ LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of t
 GONE = "move_base has stopped publishing its status: check that it is running"
 # Counters in /diagnostics
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")
-# Number of periods without a usable decision after which the policy counts as lost
-LOST_PERIODS = 3
 DEFAULTS = "the robot's default parameters"
 BY_HAND = "the parameters set by hand"
 
@@ -72,13 +69,10 @@ class ApplrNode:
         robot: Robot = JACKAL,
     ):
         self.robot = robot
-        self.space = space_of(robot)
-        self.method = method
+        self.pilot = Pilot(method, robot, period, max_speed)
         self.inputs = inputs
         self.topics = topics
         self.seed = seed
-        self._node_period = period
-        self._max_speed = max_speed
         self.enabled = True
         # Parameters (n,) set by hand while the method is off
         self._by_hand: Optional[np.ndarray] = None
@@ -89,8 +83,6 @@ class ApplrNode:
         self._due: Any = None  # ROS time of the next decision
         self._began: Any = None  # ROS time of the start of the course
         self._last: Any = None  # ROS time of the last decision
-        self._failures = 0  # number of successive periods without a decision
-        self._stall_rule = StallRule(robot)
         self._costmaps = Costmaps(namespace)
         self._has_cleared = False  # whether the last decision cleared the costmaps
         self._is_redrawn = False  # whether the last decision was that of the stall rule
@@ -98,32 +90,25 @@ class ApplrNode:
         # Lasers with another range than the method's, in one line; None if it is to be checked
         self._range_line: Optional[str] = None
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
-        space = self.space.below(max_speed)
         self.client = ReconfigureClient(
-            namespace, space, self._on_restart, self._on_report, self._note_trouble
+            namespace, self.pilot.space, self._on_restart, self._on_report, self._note_trouble
         )
         self.client.per_cell = method.per_cell
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
-    def period(self) -> float:
-        """ROS time between decisions [s]: the period set for the node if any, else the method's."""
-        if self._node_period is not None:
-            return self._node_period
-        return self.method.period
+    def method(self) -> Method:
+        """Method in use."""
+        return self.pilot.method
 
     def _begin_course(self, now: rospy.Time) -> None:
         """Reset the method for a new goal. Its first decision is due at once."""
-        self.method.period = self.period  # The observation may depend on the period.
-        seed = self.seed + self.counts["courses"]
-        self._stall_rule.reset(seed)
         try:
-            self.method.reset(seed)
+            self.pilot.begin(self.seed + self.counts["courses"])
         except Exception as problem:  # A method may be user code, as in _choose.
             self._note_trouble(one_line(problem))
         self.counts["courses"] += 1
         self._due = self._began = now
-        self._failures = 0
 
     def spin(self) -> None:
         """Run until shutdown. If the clock jumps back, start anew."""
@@ -140,7 +125,7 @@ class ApplrNode:
                 # move_base expects a beat every 2 s, however long the period is.
                 if now >= beat_due:
                     self.topics.heartbeat(now)
-                    beat_due = now + rospy.Duration(min(self.period, PERIOD))
+                    beat_due = now + rospy.Duration(min(self.pilot.period, PERIOD))
                 if now >= report_due:
                     self._report(now)
                     report_due = now + rospy.Duration(REPORT_S)
@@ -188,7 +173,7 @@ class ApplrNode:
         """Whose parameters the planner drives with now, or will as soon as its servers answer."""
         if self._by_hand is not None:
             return BY_HAND
-        decides = self._last is not None and self._failures < LOST_PERIODS
+        decides = self._last is not None and not self.pilot.has_lost_method
         if self.enabled and (self.method.static or decides):
             return f"the parameters of method {self.method.name}"
         return DEFAULTS
@@ -208,12 +193,14 @@ class ApplrNode:
                 theta = self.client.theta()
             if theta is None:
                 raise ApplrError("the planner's parameters are not known yet")
-            unknown = sorted(set(values) - set(self.space.names))
+            space = self.pilot.space
+            unknown = sorted(set(values) - set(space.names))
             if unknown:
-                advice = f"use {', '.join(self.space.names)}"
+                advice = f"use {', '.join(space.names)}"
                 raise ApplrError(f"unknown parameter {shown(unknown[0])}: {advice}")
-            changed = {**self.space.as_dict(theta), **values}
-            self._by_hand = self.client.request(np.array(list(changed.values())))
+            changed = {**space.as_dict(theta), **values}
+            self._by_hand = self.pilot.limited(list(changed.values()))
+            self.client.request(self._by_hand)
             if self.enabled:
                 rospy.loginfo("applr: switched off: parameters are set by hand")
             self.enabled = False
@@ -221,7 +208,7 @@ class ApplrNode:
     def change_method(self, method: Method) -> None:
         """Replace the method. In the middle of a course, the new method decides at once."""
         with self._deciding:
-            self.method = method
+            self.pilot.method = method
             self.degraded = ""
             self._range_line = None
             self.client.per_cell = method.per_cell
@@ -262,14 +249,15 @@ class ApplrNode:
         """Make the decision that is due, unless its inputs are missing."""
         # Every course starts with theta_0, which may not be in force yet.
         delay: float = (now - self._due).to_sec()
+        period = self.pilot.period
         is_first = self._last is None
         is_unsettled = self.client.busy or self.meter_scoring.waits(now)
-        if is_first and is_unsettled and delay < self.period:
+        if is_first and is_unsettled and delay < period:
             return
         try:
             snapshot, context = self._observe(now)
         except ObservationError as problem:
-            if delay >= self.period:  # The observation has failed for a whole period.
+            if delay >= period:  # The observation has failed for a whole period.
                 self._due = now
                 self._fail("unusable", str(problem))
             return
@@ -278,9 +266,9 @@ class ApplrNode:
         # a late one does not delay the next one.
         if is_first:
             delay = 0.0
-        self.counts["late"] += delay > LATE_SHARE * self.period
+        self.counts["late"] += delay > LATE_SHARE * period
         self.counts["decisions"] += 1
-        self._due = now + rospy.Duration(max(self.period - delay, self.period / 2))
+        self._due = now + rospy.Duration(max(period - delay, period / 2))
         self._last = now
 
         theta, refused = self._choose(context)
@@ -289,8 +277,6 @@ class ApplrNode:
         self.topics.decision(number, now, goal, snapshot, context, theta, refused, cleared)
         if refused:
             self._fail("refused", f"decision refused, parameters unchanged: {refused}")
-            return
-        self._failures = 0
 
     def _observe(self, now: rospy.Time) -> Tuple[Snapshot, Context]:
         """Return (Snapshot, Context) of a decision.
@@ -302,7 +288,7 @@ class ApplrNode:
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
         snapshot = self.inputs.snapshot(now, self._began)
-        return snapshot, Context.of(theta, snapshot.seen, self.space, self.method.layout)
+        return snapshot, self.pilot.observe(theta, snapshot.seen)
 
     def _note_end(self, now: rospy.Time) -> None:
         """Publish the observation at the end of a course, for training from recorded drives."""
@@ -312,8 +298,8 @@ class ApplrNode:
         with suppress(ObservationError):
             self.topics.course_end(number, now, self._goal, *self._observe(now))
 
-    def _choose(self, context: Optional[Context]) -> Tuple[Optional[np.ndarray], str]:
-        """Request the method's choice.
+    def _choose(self, context: Context) -> Tuple[Optional[np.ndarray], str]:
+        """Request the pilot's choice.
 
         Return (theta, "") as requested, or (None, reason) if the method failed.
 
@@ -322,55 +308,48 @@ class ApplrNode:
         """
         self._has_cleared = False
         try:
-            theta = self.method.theta(context)
-            redrawn = None
-            if context is not None:
-                redrawn = self._stall_rule.instead(self.method, context, theta)
-                if self._stall_rule.clears_costmaps:
-                    self._costmaps.clear()
-                    self._has_cleared = True
-            is_in_force = self.method.static and context is not None and not self._is_redrawn
-            self._note_redrawn(redrawn is not None)
-            if redrawn is not None:
-                return self.client.request(redrawn), ""
-            if is_in_force:
-                return self.client.space.clip(theta), ""
-            return self.client.request(theta), ""
+            choice = self.pilot.decide(context)
         except Exception as problem:  # A method may be user code: the node goes on in any case.
             return None, one_line(problem)
-
-    def _note_redrawn(self, is_redrawn: bool) -> None:
-        """Record whether the parameters are those of the stall rule, whose biases are per cell."""
-        self._is_redrawn = is_redrawn
-        self.client.per_cell = self.method.per_cell or is_redrawn
+        if choice.clears_costmaps:
+            self._costmaps.clear()
+            self._has_cleared = True
+        is_in_force = self.method.static and choice.why == METHOD and not self._is_redrawn
+        self._is_redrawn = choice.why != METHOD
+        self.client.per_cell = choice.per_cell
+        if not is_in_force:
+            self.client.request(choice.theta)
+        return choice.theta, ""
 
     def _fail(self, kind: str, line: str) -> None:
         """Count a period without a decision. After LOST_PERIODS of them, request theta_0."""
         self.counts[kind] += 1
-        self._failures += 1
         self._note_trouble(line)
-        if self._failures == LOST_PERIODS and not self.method.static:
+        choice = self.pilot.miss()
+        if choice is not None:
             self._note_trouble(f"no decision for {LOST_PERIODS} periods: back to theta_0")
-            self.client.request(self.space.theta0)
+            self.client.request(choice.theta)
 
     def _base(self) -> None:
         """Request, between goals, those set by hand, a static method's, or theta_0."""
-        self._note_redrawn(False)
+        self._is_redrawn = False
+        self.client.per_cell = self.method.per_cell
         if self._by_hand is not None:
             self.client.request(self._by_hand)
             return
-        theta = None
-        if self.enabled and self.method.static:
-            theta, refused = self._choose(None)
-            self.degraded = refused or self.degraded
-        if theta is None:
-            self.client.request(self.space.theta0)
+        choice = self.pilot.defaults()
+        if self.enabled:
+            try:
+                choice = self.pilot.between_courses()
+            except Exception as problem:  # A method may be user code, as in _choose.
+                self.degraded = one_line(problem)
+        self.client.request(choice.theta)
 
     def shutdown(self) -> None:
         """Restore theta_0 if this node has set other parameters."""
         client = self.client
         client.stop()
-        theta = client.space.clip(self.space.theta0)
+        theta = self.pilot.defaults().theta
         sent = client.sent
         if sent is None:
             return
@@ -419,7 +398,7 @@ class ApplrNode:
 
         # At the start it is normal that the servers are not there yet.
         trouble = self.trouble or self.degraded or self._range_line or ""
-        is_lost = bool(self.degraded) or self._failures >= LOST_PERIODS
+        is_lost = bool(self.degraded) or self.pilot.has_lost_method
         if theta is None:
             is_lost = is_lost or bool(trouble)
             trouble = trouble or "waiting for the parameter servers of move_base"
@@ -431,8 +410,8 @@ class ApplrNode:
             **{name: self.counts[name] for name in COUNTS},
             "method": self.method.name if self.enabled else "off",
             "driving": self.in_force,
-            "stalls": self._stall_rule.count,
-            "max_speed": f"{self._max_speed:g}",
+            "stalls": self.pilot.stalled_decisions,
+            "max_speed": f"{self.pilot.max_speed:g}",
             "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
             "goal": self._goal or "none",
             "decision_age_s": f"{decision_age:.2f}",
