@@ -26,6 +26,7 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
+from applr_ros1.planner.parameters.settings import Settings, are_in_force
 from applr_ros1.planner.state_machine import (
     NO_PLAN,
     Components,
@@ -487,6 +488,22 @@ class MoveBase:
         elif costmap_name in COSTMAPS and changed_names:
             self.costmaps[costmap_name].configure(layer_name, **new_values)
         return dict(new_values)
+
+    def put_in_force(self, settings: Settings) -> Settings:
+        """Put settings in force, and return the resulting values of their servers.
+
+        Like the applr node over ROS, it does not call servers that already have the values.
+
+        Raises:
+            ParameterError: as of `reconfigure`. Servers called before have their new values.
+        """
+        # A server may clamp a value or change its older name, so that all its values are returned.
+        resulting_values = {}
+        for server, values in settings.items():
+            resulting_values[server] = self.configuration(server)
+            if not are_in_force(values, resulting_values[server]):
+                resulting_values[server] = self.reconfigure(server, dict(values))
+        return Settings(resulting_values)
 
     def start_up_configuration(self, server: str) -> Dict[str, Any]:
         """Return the start-up values of a server, as set by the parameter files."""

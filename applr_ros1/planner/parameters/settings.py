@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import RESTORE
-
-if TYPE_CHECKING:
-    from applr_ros1.planner.move_base import MoveBase
 
 
 class Change(NamedTuple):
@@ -156,17 +153,3 @@ def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) ->
     (Costmap2DROS::reconfigureCB).
     """
     return all(configuration.get(name) == value for name, value in values.items())
-
-
-def send(settings: Settings, move_base: MoveBase) -> Settings:
-    """Put settings in force in a MoveBase, and return the current configurations of their servers.
-
-    Like the applr node over ROS, it does not call servers that already have the values.
-    """
-    # A server may clamp a value or change its other name, so that its answer is returned.
-    configurations = {}
-    for server, values in settings.items():
-        configurations[server] = move_base.configuration(server)
-        if not are_in_force(values, configurations[server]):
-            configurations[server] = move_base.reconfigure(server, dict(values))
-    return Settings(configurations)

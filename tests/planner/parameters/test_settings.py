@@ -6,7 +6,7 @@ from applr_ros1 import robots
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.planner.parameters.settings import Change, Settings, send
+from applr_ros1.planner.parameters.settings import Change, Settings
 
 PLANNER = "TrajectoryPlannerROS"
 LAYER = "local_costmap/inflater_layer"
@@ -80,11 +80,11 @@ def test_settings_are_put_in_force_with_one_request_for_each_server_that_differs
     monkeypatch.setattr(move_base, "reconfigure", reconfigure)
     start = Settings.from_tree(move_base.parameters)
     changed = start.with_(SLOWER, NARROWER)
-    in_force = send(changed, move_base)
+    in_force = move_base.put_in_force(changed)
     assert sorted(called_servers) == sorted([PLANNER, LAYER])
     assert changed.differences(in_force) == []
 
     # And back
-    send(start, move_base)
+    move_base.put_in_force(start)
     configurations = {server: move_base.configuration(server) for server in start}
     assert start.differences(configurations) == []
