@@ -240,9 +240,7 @@ def test_start_up_requests_limit_speeds_in_the_sign_of_their_parameter():
         settings=lambda theta: {target.server: {"max_vel_x": 0.5, "min_vel_x": -0.5}},
     )
     start_values = {"max_vel_x": 0.5, "min_vel_x": -0.5, "sim_time": 1.0}
-    move_base = SimpleNamespace(
-        servers=[target.server], start_up_configuration=lambda server: start_values
-    )
+    move_base = SimpleNamespace(servers=[target.server], start_up={target.server: start_values})
 
     # Then
     requests = start_up_requests(move_base, space, max_speed=0.3)

@@ -62,7 +62,7 @@ def start_up_requests(
     for server, names in space.settings(space.theta0).items():
         if server not in move_base.servers:
             continue  # The policy may also learn parameters of a planner that is not in use.
-        start_values = move_base.start_up_configuration(server)
+        start_values = move_base.start_up[server]
         requests[server] = {name: start_values[name] for name in names}
     for parameter_index, target in space.addresses:
         if target.server in requests and space.sets_speed[parameter_index]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import servers
@@ -98,6 +98,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
     def __len__(self) -> int:
         return len(self._values)
 
+    def __deepcopy__(self, memo: Dict[int, Any]) -> Settings:
+        """Return the settings themselves, because they never change."""
+        return self
+
     def __repr__(self) -> str:
         return f"Settings({self.to_tree()})"
 
@@ -130,6 +134,14 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         for change in changes:
             values.setdefault(change.server, {})[change.name] = change.after
         return Settings(values)
+
+    def replaced(self, server: str, values: Mapping[str, Any]) -> Settings:
+        """Return the settings with other values of one server {name: value}."""
+        return Settings({**self._values, server: values})
+
+    def only(self, servers: Iterable[str]) -> Settings:
+        """Return the settings of some servers."""
+        return Settings({server: self._values[server] for server in servers})
 
     def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
         """Return the changes from these settings to others.

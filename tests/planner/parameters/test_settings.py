@@ -1,5 +1,7 @@
 """Tests of parameter values by server and name, and of changes between them."""
 
+import copy
+
 import pytest
 
 from applr_ros1 import robots
@@ -40,6 +42,17 @@ def test_settings_never_change(settings):
     assert changed[PLANNER]["max_vel_x"] == 0.25
     with pytest.raises(TypeError):
         settings[PLANNER]["max_vel_x"] = 0.1
+
+
+def test_other_values_of_a_server_replace_all_that_it_had(settings):
+    narrow = {"inflation_radius": 0.5}
+    replaced = settings.replaced(LAYER, narrow)
+    assert replaced == {PLANNER: settings[PLANNER], LAYER: narrow}
+    assert replaced.only([LAYER]) == {LAYER: narrow}
+    narrow["inflation_radius"] = 2.0
+    assert replaced[LAYER]["inflation_radius"] == 0.5
+    # A copied planner, as in a search, needs no copy of what never changes.
+    assert copy.deepcopy(settings) is settings
 
 
 def test_a_change_in_words():
