@@ -9,7 +9,7 @@ import pytest
 import sim_bridge
 import worlds
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import Settings, send
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import load
@@ -62,9 +62,9 @@ def test_theta_0_gives_each_value_back_to_the_robots_files(space):
 
     # A policy's set applies one number to all values of a parameter.
     chosen = space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})
-    assert_together(send(space.settings(chosen), move_base), 0.18, 0.5)
+    assert_together(move_base.put_in_force(space.settings(chosen)), 0.18, 0.5)
 
-    send(space.settings(space.theta0), move_base)
+    move_base.put_in_force(space.settings(space.theta0))
     assert in_force(move_base) == start_up
     assert space.read_back(start_up).tolist() == space.theta0.tolist()
 

@@ -24,7 +24,7 @@ from applr_ros1.common.scan import LaserScan, PointCloud, observe
 from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import Settings, send
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import counting_cells
@@ -240,7 +240,7 @@ class Replay:
 
     def put_in_force(self, settings: Settings) -> None:
         """Set the parameters of the local planner and of the costmaps' layers."""
-        send(settings, self.move_base)
+        self.move_base.put_in_force(settings)
 
     def _plan(self, at: float) -> Optional[np.ndarray]:
         """Return the plan of the cycle at a time, or None if there was no plan.

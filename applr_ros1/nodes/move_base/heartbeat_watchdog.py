@@ -59,6 +59,6 @@ def start_up_requests(move_base: MoveBase, space: Space) -> Dict[str, Dict[str, 
     for server, names in space.settings(space.theta0).items():
         if server not in move_base.servers:
             continue  # The policy may also learn parameters of a planner that is not in use.
-        start_values = move_base.start_up_configuration(server)
+        start_values = move_base.start_up[server]
         requests[server] = {name: start_values[name] for name in names}
     return requests

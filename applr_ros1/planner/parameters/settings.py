@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import RESTORE
-
-if TYPE_CHECKING:
-    from applr_ros1.planner.move_base import MoveBase
 
 
 class Change(NamedTuple):
@@ -101,6 +98,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
     def __len__(self) -> int:
         return len(self._values)
 
+    def __deepcopy__(self, memo: Dict[int, Any]) -> Settings:
+        """Return the settings themselves, because they never change."""
+        return self
+
     def __repr__(self) -> str:
         return f"Settings({self.to_tree()})"
 
@@ -134,6 +135,14 @@ class Settings(Mapping[str, Mapping[str, Any]]):
             values.setdefault(change.server, {})[change.name] = change.after
         return Settings(values)
 
+    def replaced(self, server: str, values: Mapping[str, Any]) -> Settings:
+        """Return the settings with other values of one server {name: value}."""
+        return Settings({**self._values, server: values})
+
+    def only(self, servers: Iterable[str]) -> Settings:
+        """Return the settings of some servers."""
+        return Settings({server: self._values[server] for server in servers})
+
     def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
         """Return the changes from these settings to others.
 
@@ -156,17 +165,3 @@ def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) ->
     (Costmap2DROS::reconfigureCB).
     """
     return all(configuration.get(name) == value for name, value in values.items())
-
-
-def send(settings: Settings, move_base: MoveBase) -> Settings:
-    """Put settings in force in a MoveBase, and return the current configurations of their servers.
-
-    Like the applr node over ROS, it does not call servers that already have the values.
-    """
-    # A server may clamp a value or change its other name, so that its answer is returned.
-    configurations = {}
-    for server, values in settings.items():
-        configurations[server] = move_base.configuration(server)
-        if not are_in_force(values, configurations[server]):
-            configurations[server] = move_base.reconfigure(server, dict(values))
-    return Settings(configurations)
