@@ -1,7 +1,7 @@
 """Drive: one drive of a robot in columns, whether it was simulated or recorded in a bag.
 
-Episodes, the demo and the reader of bags write drives. Datasets, demonstrations, the replay, pages
-and reports read them. All times are in seconds since the drive's beginning.
+Simulated drives, the demo and the reader of bags write drives. Datasets, demonstrations, the
+replay, pages and reports read them. All times are in seconds since the drive's beginning.
 """
 
 import io

@@ -191,7 +191,7 @@ class Recorder:
             # A column without rows was not recorded.
             odometry=_motion(self._odometry.rows) or None,
             clearances=_clearances(self._clearances.rows),
-            observed=_clearances(self._observed.rows),
+            observed=_clearances(self._observed.rows) or None,
             decisions=self.decisions,
             ends=self.ends,
             sent=self.sent,

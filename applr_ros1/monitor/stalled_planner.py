@@ -2,7 +2,7 @@
 
 A planner has stalled if its goal is active and not reached, it has a plan, and it commands zero or
 only velocities that the monitor blocks. The node (nodes/monitor/node.py) and the trials
-(training/env/episode.py) pass each command to a StalledPlanner.
+(stack/stack.py) pass each command to a StalledPlanner.
 """
 
 import math

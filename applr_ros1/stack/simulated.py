@@ -5,7 +5,7 @@ the laser and the frame of the map. Drives along a course are in drives/simulate
 """
 
 import zlib
-from typing import Any, Dict, NamedTuple, Optional, Protocol, Sequence, Union
+from typing import NamedTuple, Optional, Protocol, Sequence, Union
 
 import numpy as np
 
@@ -23,18 +23,12 @@ CONTROL_PERIOD = 0.05
 SOON_S = 1e-6  # rounding error of a sum of cycles: a scan that is due so soon is taken [s]
 
 
-def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
-    """Return move_base's parameter tree with `meter_scoring` false.
-
-    Distance biases learned in simulation are per costmap cell. The applr node rescales them for a
-    planner that needs biases per metre (applr_ros1/nodes/applr/meter_scoring.py).
-    """
-    planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
-    return dict(parameters, TrajectoryPlannerROS=planner)
-
-
 class Driver(Protocol):
     """Commander of a robot's base: a Stack, or a script in its place."""
+
+    @property
+    def goal_tolerance(self) -> float:
+        """Distance to the goal within which the driver counts it as reached [m]."""
 
     def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
         """Forget everything at time `now` [s]."""
@@ -61,12 +55,14 @@ class Tick(NamedTuple):
         scan: Scan at the beginning; None if none was due.
         step: What the driver did.
         after: State at the end.
+        place: Pose at the end, in the frame of plan and goal.
     """
 
     before: RobotState
     scan: Optional[LaserScan]
     step: Step
     after: RobotState
+    place: Pose
 
 
 class SimulatedRobot:
@@ -82,6 +78,7 @@ class SimulatedRobot:
     Attributes:
         ranges: Latest scan (beams,) float32 [m] of a control cycle; empty before the first one.
         goal: Goal (x, y, yaw) of the course in the frame of plan and goal.
+        goal_count: Number of goals sent so far.
     """
 
     def __init__(self, simulator: Simulator, driver: Driver, with_map: Optional[Stack] = None):
@@ -89,6 +86,7 @@ class SimulatedRobot:
         self.driver = driver
         self.robot = simulator.robot
         self.goal: Pose = (0.0, 0.0, 0.0)
+        self.goal_count = 0
         self.ranges = np.empty(0, np.float32)
         self._without_map = driver
         self._with_map = with_map or driver
@@ -158,6 +156,7 @@ class SimulatedRobot:
             self.goal = self.simulator.to_odom(sent_goal)
         else:
             self.goal = compose(self._to_map, sent_goal)
+        self.goal_count += 1
         self.driver.set_goal(self.goal, self.state.time)
 
     def cycle(self) -> Tick:
@@ -174,7 +173,7 @@ class SimulatedRobot:
         if step.command is not None:
             self.simulator.command(*step.command)
         after = self.simulator.advance(CONTROL_PERIOD)
-        return Tick(before, scan, step, after)
+        return Tick(before, scan, step, after, self.place)
 
     def _scan(self) -> LaserScan:
         """Take a new scan of the simulated laser."""

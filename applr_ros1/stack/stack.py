@@ -82,6 +82,11 @@ class Stack:
             self._command_chain = CommandChain(StalledPlanner(self.move_base.goal_tolerance))
 
     @property
+    def goal_tolerance(self) -> float:
+        """Distance to the goal within which the planner counts it as reached [m]."""
+        return self.move_base.goal_tolerance
+
+    @property
     def movers(self) -> np.ndarray:
         """Tracked moving obstacles (n, 4): x, y [m], vx, vy [m/s] in the odometry frame."""
         if self.prediction is None:

@@ -18,6 +18,7 @@ import numpy as np
 import sim_bridge
 import worlds
 from applr_ros1 import robots
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer
@@ -25,12 +26,14 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy import methods
+from applr_ros1.policy.decision import Context
 from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
 from tests.planner import replay_dwa, replay_golden
 from tests.support import ROOT
 from tests.support.robots import JACKAL_PARAMETERS, make_weights
 from tests.support.training import episode
-from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # numbers of built-in worlds, from sparse to dense
 SECONDS = 20  # maximum simulated time per course [s]
@@ -132,10 +135,9 @@ def decision():
     networks.
     """
     policy = methods.make("applr", robots.JACKAL)
-    episode = _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True)
-    episode.layout = policy.layout
-    episode.reset(worlds.load("generated:140"), seed=0)
-    context = episode.context()
+    simulated = _simulated("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True)
+    course_drive = _begun(simulated, 140)
+    context = Context.of(course_drive.theta, course_drive.seen, SPACE, policy.layout)
     milliseconds = 1e3 / _rate(lambda: policy.theta(context))
     return milliseconds, "ms (%.2f %% of a core at 1 Hz)" % (0.1 * milliseconds)
 
@@ -184,7 +186,7 @@ def _time_in_drives(kind, name, counts, monitor=False, **parameters):
         for _ in range(3):
             call_times.clear()
             move_base = MoveBase({**JACKAL_PARAMETERS, **parameters})
-            _drive(_episode("kinematic", move_base, monitor), lambda rng: SPACE.theta0)
+            _drive(_simulated("kinematic", move_base, monitor), lambda rng: SPACE.theta0)
             mean_times.append(np.mean(call_times))
     # Other programs can only add to a time.
     return min(mean_times), len(call_times)
@@ -204,7 +206,8 @@ def _speed(simulator):
     """Return the highest speed of several drives, and its unit."""
     warm_up()
     # At this frequency there is a new plan in every control cycle.
-    episode = _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0)))
+    move_base = MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0))
+    simulated = _simulated(simulator, move_base)
 
     def random_theta(rng):
         """Return a parameter set drawn evenly from the whole space."""
@@ -214,28 +217,36 @@ def _speed(simulator):
     # A short drive first, which loads what the others need.
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
-        simulated_s = _drive(episode, random_theta, seconds)
+        simulated_s = _drive(simulated, random_theta, seconds)
         highest_speed = max(highest_speed, simulated_s / (time.process_time() - began))
     return highest_speed, "simulated s per processor s"
 
 
-def _episode(simulator, move_base, monitor=False):
-    """Return an episode with two seconds between decisions."""
-    return Episode(sim_bridge.make(simulator), move_base, period=2.0, monitor=monitor)
+def _simulated(simulator, move_base, monitor=False):
+    """Return a simulated Jackal."""
+    stack = Stack(robots.JACKAL, move_base, monitor=monitor)
+    return SimulatedRobot(sim_bridge.make(simulator), stack)
 
 
-def _drive(episode, theta, seconds=SECONDS):
+def _begun(simulated, course_number):
+    """Return a drive at its begin, with two seconds between decisions."""
+    world = worlds.load("generated:%d" % course_number)
+    return CourseDrive(simulated, world, course_number, period=2.0, theta=SPACE.theta0)
+
+
+def _drive(simulated, theta, seconds=SECONDS):
     """Drive the courses with theta(random generator) at each decision, and return the simulated
     seconds.
     """
     rng = np.random.default_rng(0)
     simulated_s = 0.0
     for course_number in COURSES:
-        episode.reset(worlds.load("generated:%d" % course_number), seed=course_number)
-        for _ in range(round(seconds / episode.period)):
-            outcome = episode.decide(theta(rng))
-            simulated_s += outcome.seconds
-            if outcome.over:
+        course_drive = _begun(simulated, course_number)
+        for _ in range(round(seconds / course_drive.period)):
+            course_drive.decide(theta(rng))
+            course_drive.advance()
+            simulated_s += course_drive.outcome.seconds
+            if course_drive.has_ended:
                 break
     return simulated_s
 

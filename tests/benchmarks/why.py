@@ -22,13 +22,13 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.outcome import Outcome
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
 from training.bags.transforms import Tree
-from training.env.outcome import Outcome
 from training.why import __main__ as why
 from training.why.answer import guess_of
 from training.why.candidates import Candidate, file_candidates, with_changes

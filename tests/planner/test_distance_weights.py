@@ -74,18 +74,20 @@ def test_a_cloud_of_few_cells_or_of_obstacle_costs_only_does_not_reveal_the_unit
 
 
 def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
+    from applr_ros1.drives.simulate import CourseDrive
+    from applr_ros1.stack.simulated import SimulatedRobot
+    from applr_ros1.stack.stack import Stack
     from sim_bridge import make
-    from training.env.episode import Episode
 
     infinite = np.full(len(SPACE), np.inf)
     unbounded = replace(SPACE, low=-infinite, high=infinite)
 
-    class Rescaled(Episode):
-        """Episode that converts parameters for weights per metre, as the applr node does."""
+    class Rescaled(CourseDrive):
+        """Drive that converts parameters for weights per metre, as the applr node does."""
 
         def apply(self, theta):
             sent = theta * multipliers_of(SPACE, CELL_M, LARGEST)
-            self.move_base.put_in_force(unbounded.settings(sent))
+            self.simulated.stack.move_base.put_in_force(unbounded.settings(sent))
             return theta
 
     rng = np.random.default_rng(2)
@@ -97,16 +99,20 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
         """Return the true motion of a drive with all parameter sets: time, pose and twist."""
         parameters = robots.JACKAL.parameters()
         parameters["TrajectoryPlannerROS"]["meter_scoring"] = weights == "per_metre"
-        episode = kind(make("kinematic"), MoveBase(parameters), period=2.0)
-        episode.reset(worlds.load("generated:3"), 5)
+        stack = Stack(robots.JACKAL, MoveBase(parameters), monitor=False)
+        simulated = SimulatedRobot(make("kinematic"), stack)
+        world = worlds.load("generated:3")
+        course_drive = kind(simulated, world, seed=5, period=2.0, theta=SPACE.theta0)
         for theta in sets:
-            assert np.array_equal(episode.decide(theta).theta, theta)
-        truth = episode.drive.truth
+            course_drive.decide(theta)
+            assert np.array_equal(course_drive.theta, theta)
+            course_drive.advance()
+        truth = course_drive.drive.truth
         return np.column_stack([truth.time, truth.pose, truth.twist])
 
-    expected = driven(Episode, "per_cell")
+    expected = driven(CourseDrive, "per_cell")
     assert np.allclose(driven(Rescaled, "per_metre"), expected, rtol=0.0, atol=1e-9)
-    uncompensated = driven(Episode, "per_metre")
+    uncompensated = driven(CourseDrive, "per_metre")
     assert not np.array_equal(uncompensated, expected), "without compensation the drive must differ"
 
 

@@ -18,11 +18,11 @@ from typing import Any, Dict
 
 import numpy as np
 
+from applr_ros1.drives.outcome import Outcome
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.learned import OUTPUTS
-from training.env.outcome import Outcome
 from training.env.reward import Reward
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "encoding.npz"

@@ -8,13 +8,15 @@ import pytest
 
 import sim_bridge
 import worlds
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import load
 from applr_ros1.robots.learned import default_space
-from training.env.episode import Episode
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
 
 PLANNER = "DWAPlannerROS"
 INFLATION = ("local_costmap/inflation_layer", "global_costmap/inflation_layer")
@@ -101,12 +103,15 @@ def test_the_default_method_and_a_course_in_simulation_begin_with_the_owners_val
     assert_owners(space.settings(method.theta(None)))
 
     simulator = sim_bridge.make("kinematic", robot=BURGER)
-    episode = Episode(simulator, MoveBase(BURGER.parameters()), BURGER, period=1.0)
-    outcome = episode.reset(worlds.load("generated:3"), seed=1)
-    assert_owners(in_force(episode.move_base))
+    move_base = MoveBase(BURGER.parameters())
+    simulated = SimulatedRobot(simulator, Stack(BURGER, move_base, monitor=False))
+    world = worlds.load("generated:3")
+    course_drive = CourseDrive(simulated, world, seed=1, theta=space.theta0)
+    assert_owners(in_force(move_base))
     # A drive with the parameters that are in force changes none of them.
-    episode.decide(outcome.theta)
-    assert_owners(in_force(episode.move_base))
+    course_drive.decide(course_drive.theta)
+    course_drive.advance()
+    assert_owners(in_force(move_base))
     simulator.close()
 
 

@@ -12,7 +12,8 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training.env.episode import Episode
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
 from training.evaluate import __main__ as evaluate
 from training.evaluate.table import read_trials
 from training.train import __main__ as train
@@ -133,8 +134,10 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
     (crate / "costmap.yaml").write_text(costmap)
     robot = robots.load(str(crate))
     planner = MoveBase(robot.parameters())
-    episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=1.0)
-    episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
+    stack = Stack(robot, planner, monitor=False)
+    simulated = SimulatedRobot(sim_bridge.make("kinematic", robot=robot), stack)
+    simulated.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), seed=0)
+    simulated.cycle()
     assert (planner.local_costmap.cells == LETHAL).any()
 
 

@@ -11,16 +11,20 @@ import numpy as np
 
 import worlds
 from applr_ros1.drives.drive import Commands, Decision, Drive, Motion, Rows
+from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.outcome import Outcome
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.decision import Seen
+from applr_ros1.policy.pilot import METHOD, Choice
 from applr_ros1.robots import Robot
-from applr_ros1.stack.simulated import counting_cells
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from training.bags.topics import PREEMPTED
 from training.bags.write import BagWriter
-from training.env.episode import Episode
-from training.env.outcome import Outcome
 
 # Inputs of a decision that no test reads.
 NOTHING_SEEN = Seen(
@@ -73,21 +77,39 @@ def simulated(
 
     The costmaps are cleared after some seconds; only the decisions that do so are kept.
     """
+    if isinstance(world, str):
+        world = worlds.scaled(worlds.load(world), robot.world_scale)
     move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
     # The parameters of the files stay, even out of the ranges of robot.yaml.
     fixed = replace(robot, space=())
-    episode = Episode(
-        simulator(robot), move_base, fixed, period=1.0, time_limit=limit, escapes=False, record=True
+    stack = Stack(fixed, move_base, monitor=False, escapes=False)
+    course_drive = CourseDrive(
+        SimulatedRobot(simulator(fixed), stack),
+        world,
+        seed,
+        Rules(limit=limit),
+        theta=np.zeros(0),
+        record=True,
     )
-    if isinstance(world, str):
-        world = worlds.scaled(worlds.load(world), robot.world_scale)
-    outcome = episode.reset(world, seed)
-    while not outcome.over:
-        clears_costmaps = round(episode.seconds) in clearings
-        outcome = episode.decide(np.zeros(0), clears_costmaps)
+    for _ in course_drive.legs(Clearing(clearings)):
+        pass
     # As a bag of move_base alone, without an applr node
-    decisions = [decision for decision in episode.drive.decisions if decision.cleared]
-    return replace(episode.drive, decisions=decisions, ends=[], changes=None), outcome
+    drive = course_drive.drive
+    decisions = [decision for decision in drive.decisions if decision.cleared]
+    return replace(drive, decisions=decisions, ends=[], changes=None), course_drive.outcome
+
+
+class Clearing:
+    """Pilot that clears the costmaps at some times [s], and sets no parameter."""
+
+    def __init__(self, times: Sequence[int]):
+        self._times = times
+
+    def observe(self, theta: np.ndarray, seen: Seen) -> Seen:
+        return seen
+
+    def decide(self, seen: Seen) -> Choice:
+        return Choice(np.zeros(0), round(seen.time) in self._times, METHOD, per_cell=True)
 
 
 def until(drive: Drive, seconds: float) -> Drive:

@@ -18,6 +18,7 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.common.trees import merged
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.robots.geometry import radius
 from tests.support import scenes
 from tests.support.refusals import refused
@@ -557,35 +558,36 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     world = at_scale("paper", f"{path}:0", runner.robot)
     # The planner's tolerance ends the course.
     world = replace(world, course=replace(world.course, goal_tolerance=0.0))
-    episode = runner.episode
-    outcome = episode.reset(world, 0)
+    simulated = runner.simulated
+    course_drive = CourseDrive(simulated, world, seed=0, theta=runner.space.theta0)
 
     # The first plan avoids walls that no scan has shown.
     is_free = map_reader.read_map(path).cells == map_reader.FREE
-    plan = episode.context().plan[:, :2]
+    plan = course_drive.seen.plan[:, :2]
     columns, rows = (plan / 0.05).astype(int).T
     assert is_free[rows, columns].all()
-    assert plan[0] == pytest.approx(episode.place[:2], abs=0.1)
+    assert plan[0] == pytest.approx(simulated.place[:2], abs=0.1)
 
     # On its way it knows its true place in the map, as localisation would tell it.
-    while not outcome.over:
-        outcome = episode.decide(outcome.theta)
-        pose_in_map = compose(inverse(world.map.origin), episode.simulator.state.pose)
-        assert episode.context().pose == pose_in_map
-        assert math.dist(episode.move_base.global_plan[0, :2], episode.place[:2]) < 1.0
+    for _ in course_drive.legs():
+        pose_in_map = compose(inverse(world.map.origin), simulated.state.pose)
+        assert course_drive.seen.pose == pose_in_map
+        global_plan = simulated.stack.move_base.global_plan
+        assert math.dist(global_plan[0, :2], simulated.place[:2]) < 1.0
+    outcome = course_drive.outcome
     assert outcome.reason == "finished"
     assert not outcome.collided
     assert outcome.time_s < 60.0
     # The robot has still to stop.
-    distance = math.dist(episode.goal[:2], episode.place[:2])
+    distance = math.dist(simulated.goal[:2], simulated.place[:2])
     assert distance == pytest.approx(runner.robot.goal_tolerance, abs=0.02)
 
     # In a world without a map it drives by odometry again; another parameter set has the map, too.
-    episode.reset(worlds.load("generated:3"), 0)
-    assert episode.place == episode.simulator.state.odom_pose
-    changed_episode = runner.starting_with(runner.space.theta0 * 0.9)
-    changed_episode.reset(world, 5)
-    assert changed_episode.move_base.map_topics == {"map": False}
+    simulated.reset(worlds.load("generated:3"), 0)
+    assert simulated.place == simulated.state.odom_pose
+    changed = runner.starting_with(runner.space.theta0 * 0.9)
+    changed.reset(world, 5)
+    assert changed.stack.move_base.map_topics == {"map": False}
 
 
 def test_a_robot_without_simulated_sensors_for_its_map_explores():

@@ -17,8 +17,9 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.drives.drive import Drive, SentGoal
-from applr_ros1.drives.recorder import Recorder
+from applr_ros1.drives import simulate
+from applr_ros1.drives.drive import REACHED, Drive
+from applr_ros1.drives.judge import Rules
 from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.robots.geometry import radius
@@ -34,7 +35,8 @@ with extra(__name__):
     from training.bags.topics import TopicNames
     from training.bags.write import BagWriter
 
-LIMIT_S = 200.0  # simulated time after which the demonstrator gives up [s]
+# The demonstrator knows its true place, and gives up after some time.
+RULES = Rules(ends_at_tolerance=False, limit=200.0)
 
 
 class DemonstrateOptions(Options):
@@ -53,6 +55,11 @@ class Script:
     def __init__(self, simulator: Simulator):
         self._simulator = simulator
         self._ranges = np.empty(0, np.float32)  # latest scan (beams,) [m]
+
+    @property
+    def goal_tolerance(self) -> float:
+        """Tolerance of 0 m, because only the course's finish counts."""
+        return 0.0
 
     def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
         """Plan the route through the simulator's world."""
@@ -83,8 +90,8 @@ def demonstrate(options: DemonstrateOptions) -> None:
     An unfinished drive leaves no bag.
 
     Raises:
-        ApplrError: The course takes longer than LIMIT_S, the robot flips, or the bag exists or
-            cannot be written.
+        ApplrError: The course takes too long (RULES), the robot flips, or the bag exists or cannot
+            be written.
     """
     robot = options.robot
     world = worlds.scaled(worlds.load(options.world, radius(robot)), robot.world_scale)
@@ -108,26 +115,21 @@ def demonstrated(world: World, simulator: Simulator, seed: int) -> Drive:
     """Drive the course of a world with the scripted demonstrator, and return the drive.
 
     Raises:
-        ApplrError: The course takes longer than LIMIT_S, or the robot flips.
+        ApplrError: The course takes too long (RULES), or the robot flips.
     """
-    recorder = Recorder(world, everything=True)
     simulated_robot = SimulatedRobot(simulator, Script(simulator))
-    simulated_robot.reset(world, seed)
-    goal = simulator.to_odom(world.course.goal)
-    recorder.sent.append(SentGoal(0.0, goal, simulator.robot.frames.odom))
-    state = simulator.state
-    while not world.course.arrived(*state.pose[:2]):
-        if state.time > LIMIT_S or state.flipped:
-            trouble = f"flipped or too slow after {state.time:.0f} s"
-            raise ApplrError(f"{world.name}: {trouble}: give another --world")
-        tick = simulated_robot.cycle()
-        recorder.localised(state.time, state.odom_pose, state.odom_twist)
-        if tick.scan is not None:
-            recorder.scanned(state.time, tick.scan)
-        if tick.step.command is not None:
-            recorder.commanded(state.time, tick.step.command)
-        state = tick.after
-    return recorder.drive
+    driven = simulate.drive(simulated_robot, world, seed, rules=RULES, record=True)
+    goal = driven.goals[-1]
+    if goal.status != REACHED:
+        trouble = f"flipped or too slow after {goal.end:.0f} s"
+        raise ApplrError(f"{world.name}: {trouble}: give another --world")
+    return Drive(
+        name=driven.name,
+        odometry=driven.odometry,
+        scans=driven.scans,
+        commands=driven.commands,
+        sent=driven.sent,
+    )
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:

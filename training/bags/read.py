@@ -46,11 +46,11 @@ from applr_ros1.drives.drive import (
     SentGoal,
     Transforms,
 )
+from applr_ros1.drives.outcome import nearest
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND, paths
 from training.bags.robot_time import RecordedStamp, RobotTime
 from training.bags.topics import CHANNELS, TopicNames, topic_of
-from training.env.outcome import nearest
 
 SENSORS = ("odometry", "scans")  # channels whose stamps may set the robot's time
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag

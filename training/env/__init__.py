@@ -1,4 +1,4 @@
-"""Learning problem: Gymnasium environment, episode that joins planner and simulator, reward.
+"""Learning problem: Gymnasium environment, reward, settings of drives.
 
 Importing this package registers the environment with Gymnasium under the name ID.
 """

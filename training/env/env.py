@@ -3,7 +3,7 @@
 Actors use it, and any RL library can. State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the
 Jackal. Action: the planner's parameters, (8,) for the Jackal. One step is one decision period: in
 the paper 2 s of simulated time, or 40 control cycles of MoveBase, the class that the ROS node runs
-as well. episode.py defines courses, time limits and ends of episodes.
+as well. applr_ros1/drives/judge.py defines time limits and ends of episodes.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from typing_extensions import override
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.outcome import Outcome
+from applr_ros1.drives.simulate import CourseDrive, cycles_in
+from applr_ros1.policy.decision import Context
 from applr_ros1.robots.geometry import radius
 from training.common.options import checked
 from training.env import privileged
-from training.env.episode import Episode
-from training.env.outcome import Outcome
 from training.env.reward import failed
 from training.env.settings import CHALLENGE, DRAWN, PAPER, TrialSettings, under
 from training.env.trajectory import TransitionLayout
@@ -64,20 +66,20 @@ class ApplrEnv(gymnasium.Env):
         self.worlds: Sequence[World] = list(worlds) if not isinstance(worlds, str) else ()
         if isinstance(worlds, str):
             self.worlds = worlds_package.Worlds(worlds, radius(robot))
-        self.episode = Episode(
+        cycles_in(self.settings.period)  # refused now, not at the first reset
+        self.simulated = self.settings.simulated(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
-            self.settings.planners(robot.seeing(self.settings.obstacle_range)),
-            robot,
-            period=self.settings.period,
-            time_limit=self.settings.time_limit,
-            end_on_collision=end_on_collision,
-            end_on_stall=end_on_stall,
-            monitor=self.settings.monitor,
+            robot.seeing(self.settings.obstacle_range),
         )
+        self.rules = Rules(
+            end_on_contact=end_on_collision,
+            end_on_stall=end_on_stall,
+            limit=self.settings.time_limit,
+        )
+        self.course_drive: Optional[CourseDrive] = None  # drive of the present episode
         encoding = self.settings.encoding()
         self.encoding = encoding
         self.space = encoding.space
-        self.episode.layout = encoding.layout
         self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
             self.layout = _with_hidden_inputs(self.layout)
@@ -99,10 +101,22 @@ class ApplrEnv(gymnasium.Env):
         protocol: str = self.settings.protocol
         if protocol == DRAWN:
             protocol = str(self.np_random.choice([PAPER, CHALLENGE]))
-        world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
-        outcome = self.episode.reset(world, episode_seed)
+        world = worlds_package.scaled(under(protocol, world), self.settings.robot.world_scale)
+        self.course_drive = self.begin(world, episode_seed)
         self.encoding.reset()
-        return self._observation(), self._info(outcome)
+        return self._observation(), self._info(self.course_drive.outcome)
+
+    def begin(self, world: World, seed: int) -> CourseDrive:
+        """Return a new drive along the course of a world."""
+        assert self.settings.period is not None
+        return CourseDrive(
+            self.simulated,
+            world,
+            seed,
+            self.rules,
+            period=self.settings.period,
+            theta=self.space.theta0,
+        )
 
     @override
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
@@ -110,11 +124,14 @@ class ApplrEnv(gymnasium.Env):
 
         Arrival or failure terminates the episode, the time limit truncates it.
         """
-        if self.episode.outcome is None:
+        course_drive = self.course_drive
+        if course_drive is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        outcome = self.episode.decide(self.encoding.theta(action))
+        course_drive.decide(self.encoding.theta(action))
+        course_drive.advance()
+        outcome = course_drive.outcome
         reward, reward_terms = self.settings.reward(
-            outcome, self.episode.limit, self.episode.period, self.encoding
+            outcome, course_drive.limit, course_drive.period, self.encoding
         )
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
@@ -122,19 +139,27 @@ class ApplrEnv(gymnasium.Env):
         info["reward"] = reward_terms
         return self._observation(), float(reward), terminated, truncated, info
 
+    def context(self) -> Context:
+        """Return the context of the next decision."""
+        assert self.course_drive is not None, "reset() comes first"
+        seen = self.course_drive.seen
+        return Context.of(self.course_drive.theta, seen, self.space, self.encoding.layout)
+
     def _observation(self) -> np.ndarray:
-        policy_inputs = self.encoding.observe(self.episode.context())
+        assert self.course_drive is not None
+        policy_inputs = self.encoding.observe(self.context())
         if not self.layout.hidden:
             return policy_inputs
-        return np.append(policy_inputs, privileged.privileged(self.episode, self.encoding.scale))
+        hidden_inputs = privileged.privileged(self.course_drive, self.encoding.scale)
+        return np.append(policy_inputs, hidden_inputs)
 
     @override
     def close(self) -> None:
         """Close the simulator."""
-        self.episode.simulator.close()
+        self.simulated.simulator.close()
 
     def _info(self, outcome: Outcome) -> Dict[str, Any]:
-        return {"world": self.episode.world.name, **vars(outcome)}
+        return {"world": self.simulated.simulator.world.name, **vars(outcome)}
 
 
 def _with_hidden_inputs(layout: TransitionLayout) -> TransitionLayout:

@@ -14,9 +14,9 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.paths import distances, points_at, step_lengths
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots.check import WIDTH
-from training.env.episode import Episode
 from worlds.world import clearance
 
 # Ends of the path sections whose clearance is an input [widths].
@@ -37,8 +37,8 @@ ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # indices of the entries that chang
 SIZE = len(ODD) + 2 * len(STATIONS) + 1 + 2 + len(AHEAD) + 2 * MOVERS + 7 + 1
 
 
-def privileged(episode: Episode, scale: float) -> np.ndarray:
-    """Return the inputs (SIZE,) float32 in [-1, 1] for the current state of an episode.
+def privileged(drive: CourseDrive, scale: float) -> np.ndarray:
+    """Return the inputs (SIZE,) float32 in [-1, 1] for the present state of a drive.
 
     The true course is the world's reference path. The first entries change sign if left and right
     are exchanged: sines of the directions of the true course ahead, y and lateral velocity of the
@@ -49,17 +49,17 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     Stall.share.
 
     Args:
-        episode: Episode after its reset() or decide().
+        drive: Drive before a decision, or at its end.
         scale: Width of the robot, as a multiple of the Jackal's.
     """
     width = WIDTH * scale
-    state = episode.simulator.state
-    world = episode.world
+    state = drive.simulated.state
+    world = drive.world
 
     # The global plan: its clearance, and how far it is wide enough for the robot
-    along_plan = _along(_true_plan(episode), width)
+    along_plan = _along(_true_plan(drive), width)
     plan_clearance = clearance(world, along_plan, state.time)
-    blocked_points = np.flatnonzero(plan_clearance < 0.5 * episode.robot.body.size[1])
+    blocked_points = np.flatnonzero(plan_clearance < 0.5 * drive.simulated.robot.body.size[1])
     free_length = STATIONS[-1]
     if len(blocked_points):
         free_length = STEP * blocked_points[0]
@@ -81,7 +81,7 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     farthest = FAR * width
     lateral: List[float] = []
     forward: List[float] = []
-    for mover in _movers(episode, state.pose, state.time):
+    for mover in _movers(drive, state.pose, state.time):
         lateral += [mover.y / farthest, mover.vy / FAST]
         forward += [mover.x / farthest, mover.vx / FAST]
     inputs: List[float] = [
@@ -94,9 +94,9 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
         _centred(from_robot[nearest] / farthest),
         *np.cos(bearings),
         *forward,
-        1.0 if episode.move_base.variant == CPP_LIKE else -1.0,
-        *_physics(episode),
-        _centred(episode.stall.share),
+        1.0 if drive.simulated.stack.move_base.variant == CPP_LIKE else -1.0,
+        *_physics(drive),
+        _centred(drive.stall.share),
     ]
     return np.array(np.clip(inputs, -1.0, 1.0), np.float32)
 
@@ -106,24 +106,24 @@ def _centred(share: float) -> float:
     return 2.0 * min(1.0, share) - 1.0
 
 
-def _true_plan(episode: Episode) -> np.ndarray:
+def _true_plan(drive: CourseDrive) -> np.ndarray:
     """Return the global plan (k, 2) [m] from the robot on, as it lies in the world.
 
     The planner's plan lies where odometry sees it, so its points are taken relative to the robot.
     """
-    true_pose = episode.simulator.state.pose
-    if episode.move_base.global_plan is None:
+    true_pose = drive.simulated.state.pose
+    if drive.simulated.stack.move_base.global_plan is None:
         return np.array([true_pose[:2]])
-    plan = np.asarray(episode.move_base.global_plan, np.float64)
-    to_robot = inverse(episode.place)
+    plan = np.asarray(drive.simulated.stack.move_base.global_plan, np.float64)
+    to_robot = inverse(drive.simulated.place)
     seen_x, seen_y = transform_point(to_robot, plan[:, 0], plan[:, 1])
     x, y = transform_point(true_pose, seen_x, seen_y)
     return np.vstack([true_pose[:2], np.column_stack([x, y])])
 
 
-def _physics(episode: Episode) -> List[float]:
-    """Return what was drawn for the episode, scaled so that usual ranges lie in [-1, 1]."""
-    drawn = episode.simulator.drawn
+def _physics(drive: CourseDrive) -> List[float]:
+    """Return what was drawn for the drive, scaled so that usual ranges lie in [-1, 1]."""
+    drawn = drive.simulated.simulator.drawn
     return [
         _centred(drawn.ground),
         2.0 * (drawn.friction - 1.0),
@@ -170,11 +170,11 @@ class _Relative(NamedTuple):
     vy: float
 
 
-def _movers(episode: Episode, pose: Pose, time: float) -> List[_Relative]:
+def _movers(drive: CourseDrive, pose: Pose, time: float) -> List[_Relative]:
     """Return the MOVERS nearest moving obstacles. Missing ones are far ahead."""
     to_robot = inverse(pose)
     movers: List[_Relative] = []
-    for mover in episode.world.movers:
+    for mover in drive.world.movers:
         x, y = transform_point(to_robot, *mover.position(time))
         later_position = mover.position(time + 1.0 / POSITIONS_HZ)
         later_x, later_y = transform_point(to_robot, *later_position)

@@ -6,10 +6,10 @@ from typing import ClassVar, Dict, Tuple
 
 from pydantic import ConfigDict
 
+from applr_ros1.drives.outcome import Outcome
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.encoding import Encoding
 from training.common.options import Options, option
-from training.env.outcome import Outcome
 
 
 class RewardOptions(Options):

@@ -7,14 +7,17 @@ from typing import Any, Dict, Literal, Optional, Tuple
 
 from pydantic import ConfigDict
 
+from applr_ros1.drives.judge import TIME_LIMIT
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.robots import Robot
-from applr_ros1.stack.simulated import counting_cells
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
+from sim_bridge.simulator import Simulator
 from training.common.command_line import AnyRobot, SimulatorName
 from training.common.options import Options, option
-from training.env.episode import TIME_LIMIT
 from training.env.reward import Reward
 from worlds import World, barn
 
@@ -90,6 +93,23 @@ class TrialSettings(DriveSettings):
     def encoding(self) -> Encoding:
         """Return a new encoding for the robot."""
         return ENCODINGS[self.observation](self.robot, self.period, self.base)
+
+    def simulated(
+        self, simulator: Simulator, starts: Robot, escapes: bool = True
+    ) -> SimulatedRobot:
+        """Return the robot of a simulator, with the stacks of these settings.
+
+        Args:
+            simulator: Simulator of the robot.
+            starts: Robot with the parameters with which the planners start.
+            escapes: Whether the monitor makes escape motions (Stack).
+        """
+        stacks = []
+        for planner in self.planners(starts):
+            stack = Stack(self.robot, planner, monitor=self.monitor, escapes=escapes)
+            stacks.append(stack)
+        without_map, with_map = stacks
+        return SimulatedRobot(simulator, without_map, with_map)
 
     def planners(self, robot: Robot) -> Tuple[MoveBase, MoveBase]:
         """Return a robot's planners for worlds without and with a map.

@@ -20,14 +20,16 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
-from applr_ros1.policy.decision import PERIOD, Method
+from applr_ros1.policy.decision import Method
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
-from training.env.episode import Episode
+from applr_ros1.stack.simulated import SimulatedRobot
 from training.env.settings import CHALLENGE, TrialSettings, under
 from training.evaluate.loaded import loadable_space, move_base_parameters
 from training.evaluate.trial import POLICY, Result, Trial
@@ -143,11 +145,12 @@ class TrialRunner:
         self.simulator = sim_bridge.make(
             settings.simulator, robot=self.robot, **settings.randomisation
         )
+        self.rules = Rules(end_on_contact=settings.protocol == CHALLENGE, limit=settings.time_limit)
         self.drive = Drive()
         # Trials of an evaluation alternate between worlds and methods.
         self._world = lru_cache(maxsize=400)(partial(at_scale, settings.protocol, robot=self.robot))
         self._made = lru_cache(maxsize=None)(partial(methods.make, robot=self.robot))
-        self._seeing = lru_cache(maxsize=8)(self._episode_seeing)
+        self._seeing = lru_cache(maxsize=8)(self._simulated_seeing)
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
         """Drive a trial and return its result.
@@ -165,48 +168,59 @@ class TrialRunner:
             # Parameters that act differently when loaded keep their defaults.
             parameter_set = pilot.between_courses().theta
             loaded = self.loadable.fill(self.loadable.chosen_of(parameter_set))
-            episode = self.starting_with(loaded, method.obstacle_range)
+            simulated_robot = self.starting_with(loaded, method.obstacle_range)
             # A parameter file drives without the applr node, and so without its rule for stalls.
             pilot.method = self._fixed(loaded, redraws_stalled=False)
         else:
-            episode = self._seeing(method.obstacle_range)
-        episode.set_period(pilot.period)
+            simulated_robot = self._seeing(method.obstacle_range)
 
-        outcome = episode.reset(world, task.seed, theta=loaded)
-        changes: List[float] = []
+        course_drive = CourseDrive(
+            simulated_robot,
+            world,
+            task.seed,
+            self.rules,
+            period=pilot.period,
+            theta=self.space.theta0 if loaded is None else loaded,
+        )
         total_reward = 0.0
-        while not outcome.over:
-            action_before = self.space.to_action(outcome.theta)
-            choice = pilot.decide(pilot.observe(outcome.theta, episode.seen()))
-            outcome = episode.decide(choice.theta, choice.clears_costmaps)
-            change = self.space.to_action(outcome.theta) - action_before
-            changes.append(float(np.abs(change).mean()))
-            reward, _ = self.settings.reward(outcome, episode.limit, episode.period, self.encoding)
+        for _ in course_drive.legs(pilot):
+            reward, _ = self.settings.reward(
+                course_drive.outcome, course_drive.limit, pilot.period, self.encoding
+            )
             total_reward += reward
-        self.drive = episode.drive
+        self.drive = course_drive.drive
         return Result.of(
-            outcome,
+            course_drive.outcome,
             route_m=world.course.route_m,
-            switching=float(np.mean(changes)),
+            switching=self._switching(self.drive),
             total_reward=total_reward,
         )
 
+    def _switching(self, drive: Drive) -> float:
+        """Return the mean change of the parameters per decision, in action units."""
+        changes = []
+        for decision in drive.decisions:
+            action_before = self.space.to_action(np.array(list(decision.before.values())))
+            action = self.space.to_action(np.array(list(decision.after.values())))
+            changes.append(float(np.abs(action - action_before).mean()))
+        return float(np.mean(changes))
+
     @property
-    def episode(self) -> Episode:
-        """Episode loop whose planner starts with the robot's default parameters."""
+    def simulated(self) -> SimulatedRobot:
+        """Robot whose planner starts with the robot's default parameters."""
         return self._seeing(None)
 
-    def _episode_seeing(self, obstacle_range: Optional[float]) -> Episode:
-        """Return an episode loop whose planner starts with the robot's default parameters.
+    def _simulated_seeing(self, obstacle_range: Optional[float]) -> SimulatedRobot:
+        """Return a robot whose planner starts with the robot's default parameters.
 
         Args:
             obstacle_range: Range [m] for which the method was made (policy.decision.Method), or
                 None.
         """
-        return self._episode(self.robot.seeing(obstacle_range))
+        return self._simulated(self.robot.seeing(obstacle_range))
 
-    def starting_with(self, theta: Array, obstacle_range: Optional[float] = None) -> Episode:
-        """Return an episode loop whose planner starts with a parameter set (n,).
+    def starting_with(self, theta: Array, obstacle_range: Optional[float] = None) -> SimulatedRobot:
+        """Return a robot whose planner starts with a parameter set (n,).
 
         Args:
             theta: Parameter set.
@@ -218,21 +232,12 @@ class TrialRunner:
                 changed[name] = value
         parameters = move_base_parameters(self.robot, changed)
         seeing_robot = self.robot.seeing(obstacle_range)
-        return self._episode(seeing_robot.with_parameters(parameters, self.robot.name))
+        return self._simulated(seeing_robot.with_parameters(parameters, self.robot.name))
 
-    def _episode(self, starts: Robot) -> Episode:
-        """Return an episode loop whose planner starts with the parameters of a robot."""
-        return Episode(
-            self.simulator,
-            self.settings.planners(starts),
-            self.robot,
-            period=PERIOD,
-            end_on_collision=self.settings.protocol == CHALLENGE,
-            monitor=self.settings.monitor,
-            time_limit=self.settings.time_limit,
-            # Loading stands for a C++ move_base, which has no escape motions.
-            escapes=not self.settings.loaded,
-        )
+    def _simulated(self, starts: Robot) -> SimulatedRobot:
+        """Return the robot, whose planner starts with the parameters of `starts`."""
+        # Loading stands for a C++ move_base, which has no escape motions.
+        return self.settings.simulated(self.simulator, starts, escapes=not self.settings.loaded)
 
     def _method(self, task: Trial, weights: bytes) -> Method:
         """Return the method of a trial."""

@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from training.env.outcome import Outcome
+from applr_ros1.drives.outcome import Outcome
 
 BASELINE = "dwa"  # method that drives with the default parameters of the robot
 POLICY = "policy"  # method_spec of the policy being learnt
@@ -46,7 +46,7 @@ class Trial:
 class Result:
     """Result of a trial, in the order of the columns of trials.csv.
 
-    training/env/outcome.py explains the fields that are missing here.
+    applr_ros1/drives/outcome.py explains the fields that are missing here.
 
     Attributes:
         time_s: Time [s]; the time limit if the trial timed out.

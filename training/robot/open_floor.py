@@ -18,12 +18,15 @@ import numpy as np
 
 import sim_bridge
 from applr_ros1.common.progress import announced
+from applr_ros1.drives import simulate
 from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.judge import Rules
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
-from applr_ros1.stack.simulated import counting_cells
-from training.env.episode import Episode
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
 from training.why.candidates import single_candidates, with_changes
 from training.why.reasons import STANDS, failure_of
 from worlds import Course, World
@@ -33,7 +36,8 @@ GOAL_DISTANCE_M = 5.0  # distance of the goals at the Jackal's scale [m]
 WINDOW_SHARE = 0.45  # largest goal distance as a share of the size of a rolling global costmap
 DOOR_MARGIN_M = 0.3  # margin of the door beyond the padded width of the footprint [m]
 WALL_THICKNESS_M = 0.1  # thickness of the walls beside the door [m]
-LIMIT_S = 60.0  # time limit of a drive [s]
+# A course ends when the robot has also turned to the heading of the goal, or after a minute.
+RULES = Rules(ends_at_tolerance=False, limit=60.0)
 NO_REMEDY = (
     "no change of a single planner parameter helps: "
     "compare footprint, body, laser and base in robot.yaml"
@@ -93,23 +97,13 @@ class Floor:
     """
 
     def __init__(self, robot: Robot, **physics: Any):
-        self.episode = Episode(
-            sim_bridge.make("kinematic", robot=robot, **physics),
-            MoveBase(counting_cells(robot.parameters())),
-            robot,
-            period=1.0,
-            time_limit=LIMIT_S,
-            monitor=True,
-            ends_at_tolerance=False,
-            record=True,
-        )
+        stack = Stack(robot, MoveBase(counting_cells(robot.parameters())), monitor=True)
+        simulator = sim_bridge.make("kinematic", robot=robot, **physics)
+        self._simulated_robot = SimulatedRobot(simulator, stack)
 
     def drive(self, world: World) -> Drive:
         """Drive one course to its end."""
-        outcome = self.episode.reset(world, SEED)
-        while not outcome.over:
-            outcome = self.episode.decide(outcome.theta)
-        return self.episode.drive
+        return simulate.drive(self._simulated_robot, world, SEED, rules=RULES, record=True)
 
 
 def try_out(robot: Robot) -> Tuple[bool, List[str]]:

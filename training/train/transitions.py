@@ -17,6 +17,8 @@ from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Motion
+from applr_ros1.drives.judge import TIME_LIMIT
+from applr_ros1.drives.outcome import Leg, Outcome, outcome_of
 from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER, Encoding
@@ -25,8 +27,6 @@ from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.bags.clocks import scans_apart
 from training.bags.read import BagError
 from training.bags.topics import TopicNames, topic_of
-from training.env.episode import TIME_LIMIT
-from training.env.outcome import Leg, Outcome, outcome_of
 from training.env.reward import Reward, failed
 from training.env.trajectory import Trajectory, TransitionLayout
 

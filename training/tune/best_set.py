@@ -17,13 +17,13 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
+from applr_ros1.drives.judge import TIME_LIMIT
 from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.parameter_space import ParameterSet, Space, space_of
 from applr_ros1.robots import NAMES, Robot, load
-from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluate.drive import drive
 from training.evaluate.loaded import loadable_space

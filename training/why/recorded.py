@@ -22,9 +22,9 @@ from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.robots import Robot
-from applr_ros1.stack.simulated import counting_cells
 from training.bags.clocks import APART_S, clocks_differ, one_clock, scans_apart, stamped_later
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.read import read, refused, topics_in

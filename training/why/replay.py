@@ -24,10 +24,10 @@ from applr_ros1.common.scan import LaserScan, PointCloud, observe
 from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
-from applr_ros1.stack.simulated import counting_cells
 from training.why.events import Limits
 
 # Reasons why a command is no cycle of the local planner

@@ -7,7 +7,6 @@ seeds that did not choose it.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,14 +14,17 @@ from typing_extensions import override
 
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.drive import TIMED_OUT
+from applr_ros1.drives import simulate
+from applr_ros1.drives.drive import REACHED, TIMED_OUT
+from applr_ros1.drives.judge import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from applr_ros1.stack.simulated import counting_cells
-from training.env.episode import Episode
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Stack
 from training.why.candidates import Candidate, with_changes
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool
@@ -150,32 +152,31 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
     robot = course.robot
     if changes:
         robot = with_changes(robot, changes, robot.name)
-    # The values in the files stay, even outside the ranges of robot.yaml.
-    robot = replace(robot, space=())
     limit = min(course.limit, float(np.ceil(to_beat)))
-    episode = Episode(
-        sim_bridge.make("kinematic", robot=robot, **RANDOM),
-        MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed),
+    stack = Stack(
         robot,
-        period=1.0,
-        time_limit=limit,
-        end_on_collision=True,
+        MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed),
         monitor=course.has_monitor,
         escapes=course.has_monitor,
-        ends_at_tolerance=course.ends_at_tolerance,
     )
-    outcome = episode.reset(course.world, seed)
-    while not outcome.over:
-        outcome = episode.decide(np.zeros(0))
-    truth = episode.drive.truth
+    simulator = sim_bridge.make("kinematic", robot=robot, **RANDOM)
+    rules = Rules(
+        end_on_contact=True,
+        ends_at_tolerance=course.ends_at_tolerance,
+        limit=limit,
+    )
+    # The values in the files stay, even outside the ranges of robot.yaml: nobody decides.
+    driven = simulate.drive(SimulatedRobot(simulator, stack), course.world, seed, rules=rules)
+    truth = driven.truth
     assert truth is not None
-    success = outcome.success and not outcome.collided
-    is_timeout = episode.drive.goals[-1].status == TIMED_OUT
+    goal = driven.goals[-1]
+    success = goal.status == REACHED and not len(driven.contacts)
+    is_timeout = goal.status == TIMED_OUT
     # Paths are sent between processes.
     path = np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32)
     return Arrival(
         success=success,
-        seconds=outcome.time_s if success else course.limit,
+        seconds=goal.end if success else course.limit,
         is_slow=is_timeout and limit < course.limit,
         path=path,
     )

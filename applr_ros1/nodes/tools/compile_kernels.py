@@ -13,20 +13,22 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from typing import Callable, Tuple
 
-import numpy as np
-
 import sim_bridge
 import worlds
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.kernels import cache_folder
 from applr_ros1.common.progress import announced
+from applr_ros1.drives import simulate
+from applr_ros1.drives.judge import Rules
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
+from applr_ros1.policy.methods import RandomParameters
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
@@ -48,7 +50,8 @@ DRIVES: Tuple[Tuple[str, Callable[[], None]], ...] = (
     ("a drive with DWAPlannerROS", lambda: drive(load("turtlebot3_waffle_pi"))),
 )
 WORLD = "dynamic:0"  # a room with moving obstacles
-DRIVE_S = 30.0  # simulated time of a drive [s]
+SEED = 0  # seed of a drive
+DRIVE_S = 30.0  # longest simulated time of a drive [s]
 DECISION_S = 1.0  # time between two changes of the parameters [s]
 # Wall time before the first progress line, longer than loading compiled kernels takes [s]
 QUIET_S = 5.0
@@ -102,19 +105,8 @@ def drive(robot: Robot) -> None:
     parameters = robot.parameters()
     parameters["applr"] = {**parameters.get("applr", {}), "movers": True}
     stack = Stack(robot, MoveBase(parameters), monitor=True)
-    space = space_of(robot)
-    rng = np.random.default_rng(0)
-    simulated_robot = SimulatedRobot(simulator, stack)
-    simulated_robot.reset(world, seed=0)
-    next_decision = 0.0
-    while simulator.state.time < DRIVE_S:
-        if stack.move_base.goal is None:
-            simulated_robot.send_goal()
-        if simulator.state.time >= next_decision:
-            next_decision += DECISION_S
-            theta = space.to_theta(rng.uniform(-1.0, 1.0, len(space)))
-            stack.move_base.put_in_force(space.settings(theta))
-        simulated_robot.cycle()
+    pilot = Pilot(RandomParameters(space_of(robot)), robot, DECISION_S)
+    simulate.drive(SimulatedRobot(simulator, stack), world, SEED, pilot, Rules(limit=DRIVE_S))
     simulator.close()
 
 

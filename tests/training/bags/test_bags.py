@@ -30,12 +30,14 @@ from applr_ros1.drives.drive import (
     SentGoal,
 )
 from applr_ros1.drives.drive import Drive as Recorded
+from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from applr_ros1.robots import JACKAL
+from applr_ros1.stack.simulated import SimulatedRobot
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import Messages, decided
 from training.appld import __main__ as appld
@@ -55,7 +57,6 @@ from training.bags.topics import (
 )
 from training.bags.write import BagWriter, write
 from training.env.env import ApplrEnv
-from training.env.episode import Episode
 from training.env.reward import Reward
 from training.env.trajectory import Trajectory, TransitionLayout
 from training.train import bags_to_dataset
@@ -903,6 +904,21 @@ class ExactOdometry(KinematicSimulator):
         return self.state
 
 
+class RecordedEnv(ApplrEnv):
+    """Environment whose drives have all columns."""
+
+    def begin(self, world, seed):
+        return CourseDrive(
+            self.simulated,
+            world,
+            seed,
+            self.rules,
+            period=self.settings.period,
+            theta=self.space.theta0,
+            record=True,
+        )
+
+
 def driven(path, observation, world, time_limit, **settings):
     """Drive two courses in a world, record them in a bag, and return the environment's transitions.
 
@@ -913,15 +929,9 @@ def driven(path, observation, world, time_limit, **settings):
     settings.update(observation=observation, period=1.0, movers=True)
     loaded_world = worlds.load(world)
     course = replace(loaded_world.course, goal=loaded_world.course.sent_goal)
-    env = ApplrEnv([replace(loaded_world, course=course)], **settings)
-    env.episode = Episode(
-        ExactOdometry(scan_noise=0.0),
-        env.episode.move_base,
-        period=1.0,
-        time_limit=time_limit,
-        record=True,
-    )
-    env.episode.layout = env.encoding.layout
+    settings["time_limit"] = time_limit
+    env = RecordedEnv([replace(loaded_world, course=course)], **settings)
+    env.simulated = SimulatedRobot(ExactOdometry(scan_noise=0.0), env.simulated.stack)
     layout = TransitionLayout.of(env.encoding)
     assert layout == env.layout
     rng = np.random.default_rng(3)
@@ -942,10 +952,10 @@ def driven(path, observation, world, time_limit, **settings):
             observations.append(observation)
             rewards.append(reward)
             # What is in force: parameters are rounded, and clipped to their bounds.
-            actions.append(env.encoding.action(env.episode.outcome.theta))
-            mover_count += len(env.episode.seen().movers)
+            actions.append(env.encoding.action(env.course_drive.theta))
+            mover_count += len(env.course_drive.seen.movers)
         trajectories.append(Trajectory.of(layout, observations, actions, rewards, terminated))
-        drives.append(env.episode.drive)
+        drives.append(env.course_drive.drive)
     assert mover_count or "dynamic" not in world, "no moving obstacle was seen"
     write(path, *drives)
     return trajectories

@@ -27,7 +27,7 @@ OPTIONS = {
 
 
 def scene(side=1.0, movers=True):
-    """Return an episode with the robot at the origin, a plan straight into a post, and a course
+    """Return a drive with the robot at the origin, a plan straight into a post, and a course
     around the post.
     """
     # World: post, course and a person who walks ahead and to one side, at 1 m/s along both axes
@@ -77,12 +77,17 @@ def scene(side=1.0, movers=True):
         odom_pose=believed_pose,
         time=5.0,
     )
-    return SimpleNamespace(
-        simulator=SimpleNamespace(state=state, drawn=drawn),
-        world=world,
-        move_base=SimpleNamespace(global_plan=plan, variant="cpp-like"),
+    move_base = SimpleNamespace(global_plan=plan, variant="cpp-like")
+    simulated = SimpleNamespace(
+        simulator=SimpleNamespace(drawn=drawn),
+        state=state,
+        stack=SimpleNamespace(move_base=move_base),
         robot=JACKAL,
         place=believed_pose,
+    )
+    return SimpleNamespace(
+        simulated=simulated,
+        world=world,
         stall=SimpleNamespace(share=0.5),
     )
 
@@ -154,8 +159,8 @@ def test_courses_of_both_protocols_are_drawn_and_observed():
     for seed in range(8):
         observation, _ = env.reset(seed=seed)
         assert env.observation_space.contains(observation)
-        hidden = privileged.privileged(env.episode, env.encoding.scale)
+        hidden = privileged.privileged(env.course_drive, env.encoding.scale)
         assert np.array_equal(observation[-SIZE:], hidden)
-        starts.add(env.episode.world.course.start)
+        starts.add(env.course_drive.world.course.start)
     assert len(starts) == 2
     assert (-2.25, 3.0, math.pi / 2) in starts  # start of the BARN Challenge

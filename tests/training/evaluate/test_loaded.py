@@ -68,7 +68,7 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     in_force = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
     assert runner.drive.decisions[-1].after == in_force
     assert bool(requested_servers) != loaded
-    assert runner.episode.stack.escapes != loaded
+    assert runner.simulated.stack.escapes != loaded
     # The planner has the outline of the robot's files, and reads its slowest turn at the start.
     half_sides = np.abs(move_base.local_planner.planner._footprint).max(axis=0)
     assert half_sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])

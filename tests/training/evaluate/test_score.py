@@ -169,8 +169,8 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
 
     # In the environment, whose drawn seed is replaced by that of the trial
     env = ApplrEnv(worlds=world, **options)
-    reset = env.episode.reset
-    monkeypatch.setattr(env.episode, "reset", lambda world, drawn: reset(world, task.seed))
+    begin = env.begin
+    monkeypatch.setattr(env, "begin", lambda world, drawn_seed: begin(world, task.seed))
     observation, _ = env.reset()
     rewards = []
     for _ in range(6):

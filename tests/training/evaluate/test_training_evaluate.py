@@ -21,12 +21,12 @@ import pandas as pd
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.judge import Rules
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, lines_with, runs
 from tests.support.drives import driven
 from training.common.command_line import parsed
-from training.env.episode import TIME_LIMIT
 from training.env.settings import TrialSettings
 from training.evaluate import __main__ as evaluate
 from training.evaluate import runner
@@ -350,7 +350,7 @@ def test_trial_depends_on_its_task_only():
 
     # The other trial lasts 6 s only, to save time.
     used_runner = runner.TrialRunner(TrialSettings())
-    used_runner.episode.time_limit = 6.0
+    used_runner.rules = Rules(limit=6.0)
     other_task = replace(
         task,
         world="generated:64",
@@ -359,7 +359,7 @@ def test_trial_depends_on_its_task_only():
         seed=3,
     )
     used_runner.run(other_task)
-    used_runner.episode.time_limit = TIME_LIMIT
+    used_runner.rules = Rules()
     assert used_runner.run(task) == first_result
 
     # The same set as numbers, as from a search

@@ -131,24 +131,24 @@ def test_the_planner_reaches_training_and_evaluation():
     )
     prepared = prepare(config)
     env = ApplrEnv(**json.loads(prepared.collect.args[1]))
-    evaluation = TrialRunner(prepared.drive.args[0]).episode
+    runner = TrialRunner(prepared.drive.args[0])
 
     # Then: the environment draws a planner from the seed of each episode
     variants = []
     for seed in range(8):
         env.reset(seed=seed)
-        variants.append(env.episode.move_base.variant)
+        variants.append(env.simulated.stack.move_base.variant)
     assert set(variants) == {"ours", "cpp-like"}
     env.reset(seed=0)
-    assert env.episode.move_base.variant == variants[0]
-    assert 0.0 < env.episode.simulator.drawn.ground < 2.0
+    assert env.simulated.stack.move_base.variant == variants[0]
+    assert 0.0 < env.simulated.simulator.drawn.ground < 2.0
 
     # The evaluation has a fixed one, and drives on after a contact.
-    evaluation.reset(worlds.load("generated:1"), 0)
-    assert evaluation.move_base.variant == "ours"
+    runner.simulated.reset(worlds.load("generated:1"), 0)
+    assert runner.simulated.stack.move_base.variant == "ours"
     assert TrainConfig(planner="cpp-like").judged["planner"] == "cpp-like"
-    assert env.episode.end_on_collision
-    assert not evaluation.end_on_collision
-    for episode in (env.episode, evaluation):
-        assert episode.stack.monitor
-        assert episode.stack.prediction
+    assert env.rules.end_on_contact
+    assert not runner.rules.end_on_contact
+    for simulated in (env.simulated, runner.simulated):
+        assert simulated.stack.monitor
+        assert simulated.stack.prediction

@@ -1,0 +1,113 @@
+"""Judge of a course: the rules by which the drive along it ends.
+
+A drive asks after each control cycle, and for a stall and the time limit after each decision
+period (simulate.py).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Optional
+
+from applr_ros1.common.angles import Pose
+from applr_ros1.drives.drive import ABORTED, FLIPPED, REACHED, STALLED, TIMED_OUT, TOUCHED
+from applr_ros1.drives.ending import ended_early
+from applr_ros1.stack.simulated import Tick
+from worlds import Course
+
+TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
+
+
+class Ruling(NamedTuple):
+    """End of a course: status of its Goal (drive.py), and reason in words."""
+
+    status: str
+    reason: str
+
+
+class Destination(NamedTuple):
+    """Place that a robot is sent to.
+
+    Attributes:
+        course: Course of the world.
+        goal: Goal (x, y, yaw) as it was sent, in the frame of the plan.
+        tolerance: Distance from the goal within which the planner counts it as reached [m].
+    """
+
+    course: Course
+    goal: Pose
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules that end a course, besides arrival, a robot that lies on its side, and the planner.
+
+    Attributes:
+        end_on_contact: Whether a contact ends the course, as under the BARN Challenge's protocol.
+        end_on_stall: Whether a stall (policy/stall.py) ends the course as a failure.
+        ends_at_tolerance: Whether the course ends as soon as the robot is within the planner's goal
+            tolerance, or only when the planner reports its goal as reached, after it has also
+            turned to the goal's heading.
+        limit: Time after which the course counts as failed [s]. It is rounded to whole decision
+            periods, of which there is at least one.
+    """
+
+    end_on_contact: bool = False
+    end_on_stall: bool = False
+    ends_at_tolerance: bool = True
+    limit: float = TIME_LIMIT
+
+    def periods(self, period: float) -> int:
+        """Return the number of decision periods [s] after which a course times out."""
+        return max(1, round(self.limit / period))
+
+    def judge(self, tick: Tick, destination: Destination) -> Optional[Ruling]:
+        """Return how the course ends with a control cycle, or None if it goes on.
+
+        A course ends at its finish (Course.arrived). The planner has reached the goal if it reports
+        success, or with `ends_at_tolerance` if the robot's place is within the tolerance although
+        the robot has still to stop and turn. If the goal is occupied (default_tolerance), only the
+        report counts.
+
+        After a result away from the goal, the robot would stand until the time limit. The course
+        therefore ends at once.
+        """
+        distance = math.dist(tick.place[:2], destination.goal[:2])
+        is_reached = self.ends_at_tolerance and distance <= destination.tolerance
+        result = tick.step.cycle.result
+        is_reported = result is not None and result[0] == "succeeded"
+        tolerance: Optional[float] = None
+        if is_reached or is_reported:
+            tolerance = destination.tolerance
+        x, y, _ = tick.after.pose
+        if destination.course.arrived(x, y, tolerance):
+            return Ruling(REACHED, "finished")
+        if tick.after.flipped:
+            return Ruling(FLIPPED, "flipped")
+        if self.end_on_contact and tick.after.contact:
+            return Ruling(TOUCHED, "contact")
+        if result is None:
+            return None
+        _, message = result
+        reason = ended_early(
+            has_succeeded=is_reported,
+            text=message,
+            left_by_odometry=distance,
+            left_in_truth=math.dist((x, y), destination.course.sent_goal[:2]),
+            tolerance=destination.tolerance,
+        )
+        return Ruling(ABORTED, reason)
+
+    def judge_period(self, period: float, period_count: int, has_stalled: bool) -> Optional[Ruling]:
+        """Return how the course ends with a decision period, or None if it goes on.
+
+        Args:
+            period: Decision period [s].
+            period_count: Number of periods since the goal was sent.
+            has_stalled: Whether the robot makes no progress.
+        """
+        if has_stalled and self.end_on_stall:
+            return Ruling(STALLED, "stalled")
+        if period_count >= self.periods(period):
+            return Ruling(TIMED_OUT, "time limit")
+        return None
