@@ -6,7 +6,6 @@ watchdog once per cycle. Until the first heartbeat, the watchdog does nothing.
 
 from __future__ import annotations
 
-import math
 from typing import Any, Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
@@ -43,30 +42,23 @@ class HeartbeatWatchdog:
         return True
 
 
-def start_up_requests(
-    move_base: MoveBase, space: Space, max_speed: float = 0.0
-) -> Dict[str, Dict[str, Any]]:
+def start_up_requests(move_base: MoveBase, space: Space) -> Dict[str, Dict[str, Any]]:
     """Return the requests that restore a space's parameters to the planner's start-up values.
+
+    These may exceed the robot's max_speed, which then limits the commands as it does from the start
+    on (MoveBaseNode).
 
     Args:
         move_base: The MoveBase.
         space: Space of the parameters.
-        max_speed: Upper limit of the speeds in the requests, as of Space.below [m/s]; 0 for no
-            limit.
 
     Returns:
         {server: {name: value}}
     """
-    speed_limit = max_speed if max_speed > 0.0 else math.inf
     requests: Dict[str, Dict[str, Any]] = {}
     for server, names in space.settings(space.theta0).items():
         if server not in move_base.servers:
             continue  # The policy may also learn parameters of a planner that is not in use.
         start_values = move_base.start_up[server]
         requests[server] = {name: start_values[name] for name in names}
-    for parameter_index, target in space.addresses:
-        if target.server in requests and space.sets_speed[parameter_index]:
-            start_speed = target.signed(requests[target.server][target.name])
-            limited_speed = min(start_speed, speed_limit)
-            requests[target.server][target.name] = target.signed(limited_speed)
     return requests
