@@ -161,7 +161,7 @@ def another_client_sets(robot, client, max_vel_x):
     # The node's own start must not come later.
     wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
     theta = SPACE.from_dict({"max_vel_x": max_vel_x})
-    wait_for(lambda: not client.apply(theta), "a value set by another client")
+    wait_for(lambda: not client.apply(SPACE.settings(theta)), "a value set by another client")
 
 
 def two_periods(robot):

@@ -81,7 +81,6 @@ class ApplrNode:
         self.client = ReconfigureClient(
             namespace, pilot.space, self._on_restart, self._on_report, self._note_trouble
         )
-        self.client.per_cell = method.per_cell
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
@@ -161,8 +160,8 @@ class ApplrNode:
         """Request the parameters of a choice; None changes nothing."""
         if choice is None:
             return
-        self.client.per_cell = choice.per_cell
-        self.client.request(choice.theta)
+        settings = self.supervisor.pilot.space.settings(choice.theta, choice.per_cell)
+        self.client.request(settings)
 
     def _tick(self, now: rospy.Time) -> None:
         """Begin and end courses, and decide when a decision is due."""
@@ -207,7 +206,8 @@ class ApplrNode:
         Raises:
             ObservationError: An input is missing or invalid.
         """
-        theta = self.client.theta()
+        # In the unit of the method, whatever was sent last
+        theta = self.client.theta(self.method.per_cell)
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
         snapshot = self.inputs.snapshot(now, self.supervisor.began)
@@ -226,20 +226,19 @@ class ApplrNode:
         """Restore theta_0 if this node has set other parameters."""
         client = self.client
         client.stop()
-        theta = self.supervisor.pilot.defaults().theta
         sent = client.sent
         if sent is None:
             return
-        is_default = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
-        if is_default and not client.busy:
+        # Theta_0 in the planner's own unit, as at its start
+        pilot = self.supervisor.pilot
+        start = pilot.space.settings(pilot.defaults().theta)
+        if sent == start and not client.busy:
             return
 
-        # Theta_0 is restored without multipliers, as at the planner's start. In the first attempt a
-        # server may still be busy with an earlier call.
-        self.meter_scoring.forget()
-        problem = client.apply(theta, RESTORE_S)
+        # In the first attempt a server may still be busy with an earlier call.
+        problem = client.apply(start, RESTORE_S)
         if problem:
-            client.apply(theta, RESTORE_S)
+            client.apply(start, RESTORE_S)
 
     def _on_restart(self, server: Server) -> None:
         """Set the parameters again after a server's restart, which lost them."""
