@@ -13,7 +13,7 @@ import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.paths import distances, travelled
-from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.drives.drive import Drive, Located, Motion
 from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
 # Shares of the top speed below which a robot creeps, and is slow.
@@ -101,9 +101,7 @@ class Kind(NamedTuple):
 
 def find(drive: Drive, limits: Limits) -> List[Event]:
     """Return the events of a drive in order of time. Those at one place are one event, a trap."""
-    drive.require("odometry")
-    odometry = drive.odometry
-    assert odometry is not None
+    odometry = drive.require(Located).odometry
     at_goal = distances_to_goal(drive, odometry) <= limits.tolerance
     is_pursued = pursued(drive, odometry)
     is_under_way = is_pursued & ~at_goal

@@ -14,7 +14,7 @@ import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
-from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
+from applr_ros1.drives.drive import ABORTED, REACHED, Drive, DrivenToGoal, Rows
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED, in_full
 from applr_ros1.monitor.monitor import REVERSING
 
@@ -90,8 +90,7 @@ def failure_of(drive: Drive) -> str:
 
     The result is "" if it was. The drive needs goals, truth, routes, refusals and commands.
     """
-    drive.require("goals", "truth")
-    goal = drive.goals[-1]
+    goal = drive.require(DrivenToGoal).goals[-1]
     touches = "it touches something" if len(drive.contacts) else ""
     if goal.status == REACHED:
         return touches

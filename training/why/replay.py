@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import product
 from operator import itemgetter
-from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 from tqdm import tqdm
@@ -21,7 +21,7 @@ from typing_extensions import override
 
 from applr_ros1.common.angles import Pose, compose
 from applr_ros1.common.scan import LaserScan, PointCloud, observe
-from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings, send
@@ -75,6 +75,15 @@ class Cycle:
     def reproduced(self) -> bool:
         """True if the replayed command equals the recorded one."""
         return self.error < EQUAL
+
+
+class Replayable(NamedTuple):
+    """Columns of a drive that can be replayed."""
+
+    planned: Commands
+    odometry: Motion
+    scans: Scans
+    plans: Plans
 
 
 class Replay:
@@ -143,8 +152,7 @@ class Replay:
             DriveError: The drive lacks commands, odometry, scans or plans.
         """
         self.drive = drive
-        drive.require("planned", "odometry", "scans", "plans")
-        assert drive.planned is not None
+        planned = drive.require(Replayable).planned
 
         # Parameters in force from each change on
         for change_time, server, values in changes_of(drive, self.robot):
@@ -157,7 +165,7 @@ class Replay:
                 self._clearings.append(decision.time)
 
         # Cycles in order: each one continues from the map and the flags of the one before
-        commands = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
+        commands = list(zip(planned.time.tolist(), planned.twist.tolist()))
         for command_time, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
             settings = self.in_force(command_time)
             self.put_in_force(settings)
