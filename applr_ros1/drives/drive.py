@@ -284,13 +284,9 @@ class Drive:
         name: Name of the drive for people: its file, or its world.
         frame: Frame of odometry and plans.
         frames: Frames of a column's recorded messages, in order of appearance.
-        laser_pose: Place (x, y, yaw) [m, m, rad] of the laser in the robot's frame by tf; None if
-            it is that of robot.yaml.
         planners: Names of the local planners whose plans were recorded.
         truth: True motion in the frame of the world.
         odometry: Motion by odometry.
-        planner_twist: (n, 2) velocities that the planner was given with each row of the odometry;
-            None if they are the odometry's.
         transforms: Places of frames in others.
         scans: Laser scans.
         clearances: Distances to the nearest obstacle.
@@ -317,12 +313,10 @@ class Drive:
     name: str = ""
     frame: str = "odom"
     frames: Dict[str, List[str]] = field(default_factory=dict)
-    laser_pose: Optional[Pose] = None
     planners: List[str] = field(default_factory=list)
     # Where the robot was, and what it measured
     truth: Optional[Motion] = None
     odometry: Optional[Motion] = None
-    planner_twist: Optional[np.ndarray] = None
     transforms: Optional[Transforms] = None
     scans: Optional[Scans] = None
     clearances: Optional[Clearances] = None

@@ -33,8 +33,10 @@ from training.why import __main__ as why
 from training.why.answer import guess_of
 from training.why.candidates import Candidate, file_candidates, with_changes
 from training.why.diagnosis import Diagnosis, diagnose
-from training.why.recorded import plans_of
-from training.why.replay import Replay
+from training.why.fitting import plans_of
+from training.why.recording import Recording
+from training.why.replay import replay_of
+from training.why.rerun import RerunPlanner
 from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
@@ -357,10 +359,11 @@ class Bench:
     ) -> Planted:
         """Return the row with the answer to a drive, and with the drives that follow its advice."""
         began = process_time()
-        replay = Replay(robot)
+        planner = RerunPlanner(robot)
         # The simulated drive has plans in the frame of the odometry alone, so no tf is needed.
         in_odometry = replace(drive, frames={"routes": [drive.frame]})
-        replay.run(replace(drive, plans=plans_of(in_odometry, Tree(None), robot)))
+        drive = replace(drive, plans=plans_of(in_odometry, Tree(None), planner))
+        replay = replay_of(Recording.of(drive, robot), planner)
         if replay.cycles:
             with Pool(0) as pool:
                 diagnosis = diagnose(replay, None, pool)
@@ -416,8 +419,9 @@ class Bench:
 def reproduced(path: str) -> None:
     """Print the share of a bag's commands that the replay reproduces."""
     began = process_time()
-    replay = Replay(JACKAL)
-    replay.run(why.drive_of(Path(path), why.WhyOptions(bag=[path], robot=JACKAL)))
+    planner = RerunPlanner(JACKAL)
+    options = why.WhyOptions(bag=[path], robot=JACKAL)
+    replay = replay_of(why.recording_of(Path(path), options, planner), planner)
     close_share = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
     processor_time = process_time() - began
     print(

@@ -19,7 +19,7 @@ from applr_ros1.drives.drive import (
 )
 from applr_ros1.drives.ending import MeasuredSlip
 from tests.support.drives import driven
-from training.why.replay import Replayable
+from training.why.recording import Replayable
 
 
 class WithDistances(NamedTuple):

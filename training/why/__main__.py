@@ -10,8 +10,12 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import List, Optional
+
+from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
@@ -23,11 +27,12 @@ from training.common.options import argument, option
 
 with extra(__name__):
     from training.bags.read import bags_in
-    from training.bags.seen_world import seen_grid, write_map
     from training.why.answer import lines_of, values_of
     from training.why.diagnosis import compared, diagnose
-    from training.why.recorded import RecordedOptions, drive_of
-    from training.why.replay import Replay
+    from training.why.recorded import RecordedOptions, recording_of
+    from training.why.replay import Replay, Watch, replay_of
+    from training.why.rerun import RerunPlanner
+    from training.why.seen_world import seen_grid, write_map
     from training.workers.pool import Pool
 
 REPLAYED = (
@@ -75,7 +80,7 @@ def run(options: WhyOptions) -> None:
         replays.append(_replayed(bag_path, options))
     first_replay, *other_replays = replays
     if options.map:
-        write_map(seen_grid(first_replay.drive, options.robot), options.map)
+        write_map(seen_grid(first_replay.recording), options.map)
     if options.quick:
         diagnosis = diagnose(first_replay, options.at)
     else:
@@ -103,13 +108,13 @@ def run(options: WhyOptions) -> None:
 def _replayed(path: Path, options: WhyOptions) -> Replay:
     """Return the replay of the drive in a bag."""
     # A robot whose files are wrong is reported before a long bag is read.
-    replay = Replay(options.robot)
-    drive = drive_of(path, options)
-    replay.run(drive)
+    planner = RerunPlanner(options.robot)
+    recording = recording_of(path, options, planner)
+    replay = replay_of(recording, planner, watched(path.name))
     if replay.cycles:
         replay = with_range_of_method(replay)
     # On stderr, so that --json prints nothing but the object
-    for note in drive.notes:
+    for note in replay.drive.notes:
         print(f"{path}: {note}", file=sys.stderr)
     if not replay.cycles:
         raise ApplrError(
@@ -117,6 +122,11 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
             "record the drive from its beginning"
         )
     return replay
+
+
+def watched(name: str) -> Watch:
+    """Return what shows the progress of a replay on a terminal."""
+    return partial(tqdm, desc=name, leave=False, disable=None)
 
 
 def with_range_of_method(replay: Replay) -> Replay:
@@ -127,21 +137,22 @@ def with_range_of_method(replay: Replay) -> Replay:
     note if that is the range.
     """
     best_replay = replay
-    best_range = None
     needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
     for needed_range in needed_ranges - {None}:
         if best_replay.share_of_cycles >= ENOUGH:
             break
-        other_replay = Replay(replay.robot.seeing(needed_range))
-        other_replay.run(replay.drive)
-        if other_replay.reproduced > best_replay.reproduced:
-            best_replay = other_replay
-            best_range = needed_range
-    if best_range is not None:
-        replay.drive.notes.append(
-            f"obstacles are marked up to {best_range:g} m, as the robot's set or policy asks: "
+        note = (
+            f"obstacles are marked up to {needed_range:g} m, as the robot's set or policy asks: "
             "with the range of its files, fewer commands are reproduced"
         )
+        other_recording = replace(
+            replay.recording,
+            robot=replay.robot.seeing(needed_range),
+            drive=replace(replay.drive, notes=[*replay.drive.notes, note]),
+        )
+        other_replay = replay_of(other_recording, watch=watched(replay.drive.name))
+        if other_replay.reproduced > best_replay.reproduced:
+            best_replay = other_replay
     return best_replay
 
 

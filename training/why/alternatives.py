@@ -16,11 +16,10 @@ from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
-from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from training.why.candidates import LEAST_CHANGE
-from training.why.explanation import arc, lethal_points
-from training.why.replay import Cycle, Replay
+from training.why.replay import Replay, ReplayedCycle
 
 AHEAD = 40  # number of control cycles for which the planner drives on
 FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
@@ -120,10 +119,9 @@ def _distance(a: float, b: float) -> float:
 
 def changes_to_try(replay: Replay) -> List[Change]:
     """Return changes of parameters of the local planner and of the local inflation layers."""
-    layers = [f"local_costmap/{layer.name}" for layer in replay.costmap.inflation_layers]
     changes = []
-    for server in (replay.server, *layers):
-        for parameter in replay.move_base.servers[server].parameters:
+    for server in replay.planner.tunable_servers:
+        for parameter in replay.planner.parameters(server):
             in_force = replay.settings[server].get(parameter.name, "")
             if parameter.name in LEFT_OUT or isinstance(in_force, str):
                 continue
@@ -156,7 +154,7 @@ def _other_values(parameter: Parameter, value: Any) -> List[Any]:
 
 
 def drive_on(
-    replay: Replay, cycles: Sequence[Cycle], change: Optional[Change] = None
+    replay: Replay, cycles: Sequence[ReplayedCycle], change: Optional[Change] = None
 ) -> np.ndarray:
     """Drive on from cycles, with another value of a parameter or with those in force.
 
@@ -169,32 +167,17 @@ def drive_on(
         settings = cycle.settings
         if change is not None:
             settings = settings.with_(*together(settings, change))
-        replay.put_in_force(settings)
-        replay.costmap.restore(cycle.map, cycle.pose)
-        replay.begin(cycle)
-        track = _track(replay, cycle)
+        track, lethal_points = replay.ahead(cycle, settings, AHEAD)
         # Every fourth position is near enough to the next one: 0.1 m at 0.5 m/s.
-        clearances = distances(track[::4, None], lethal_points(replay))
-        speed = _speed_along(cycle.plan, track, replay)
+        clearances = distances(track[::4, None], lethal_points)
+        speed = _speed_along(cycle.plan, track, AHEAD * replay.planner.period)
         results.append((speed, clearances.min(initial=np.inf)))
     # Without cycles there are no rows, but two columns.
     return np.array(results).reshape(-1, 2)
 
 
-def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
-    """Return the positions (AHEAD + 1, 2) [m] of the robot if it follows the planner's commands."""
-    poses = [cycle.pose]
-    twist = cycle.twist
-    while len(poses) <= AHEAD:
-        # The base is taken to reach each command at once.
-        twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
-        v, w = twist
-        poses.append(arc(poses[-1], v, w, replay.period))
-    return np.array(poses)[:, :2]
-
-
-def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
-    """Return the mean speed of a track along a plan (n, 3) [m/s]."""
+def _speed_along(plan: np.ndarray, track: np.ndarray, seconds: float) -> float:
+    """Return the mean speed [m/s] of a track of some seconds along a plan (n, 3)."""
     points = plan[:, :2]
     way_lengths = travelled(points)
 
@@ -202,7 +185,7 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     first_point = distances(points, track[0]).argmin()
     last_point = distances(points, track[-1]).argmin()
     gained_way = float(way_lengths[last_point] - way_lengths[first_point])
-    speed: float = gained_way / (AHEAD * replay.period)
+    speed: float = gained_way / seconds
     return speed
 
 
@@ -221,8 +204,8 @@ def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
 def best_changes(
     replay: Replay,
     changes_tried: Sequence[Change],
-    cycles: Sequence[Cycle],
-    others: Sequence[Cycle],
+    cycles: Sequence[ReplayedCycle],
+    others: Sequence[ReplayedCycle],
 ) -> List[Alternative]:
     """Return the best change of each parameter with which the planner drives on faster.
 
@@ -240,7 +223,8 @@ def best_changes(
     speeds_before, clearances_before = results_before.T
     # No change may bring the robot nearer to obstacles than it was, or than it fits.
     nearest_before = clearances_before.min(initial=np.inf)
-    nearest = min(nearest_before, replay.costmap.inscribed_radius - replay.costmap.resolution)
+    inscribed_radius = replay.planner.inscribed_radius(cycles[-1].settings)
+    nearest = min(nearest_before, inscribed_radius - replay.planner.resolution)
     settings = cycles[0].settings
     by_parameter: Dict[Tuple[str, str], List[Alternative]] = {}
     for change_tried in changes_tried:
@@ -253,8 +237,7 @@ def best_changes(
                 continue
             results_after = drive_on(replay, cycles, change)
             _, clearances = results_after.T
-            declared = replay.move_base.servers[change.server].declared(change.name)
-            assert declared is not None
+            declared = by_name(replay.planner.parameters(change.server))[change.name]
             alternative = Alternative(
                 together(settings, change),
                 declared.default,

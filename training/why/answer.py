@@ -47,7 +47,7 @@ def what_happened(diagnosis: Diagnosis) -> str:
         return f"The laser sees a part of the robot, {place} of its centre."
     if diagnosis.longest is not None:
         return sentence(diagnosis.longest)
-    odometry = diagnosis.replay.odometry
+    odometry = diagnosis.replay.recording.odometry
     top_speed = diagnosis.replay.top_speed
     mean_speed = float(np.abs(odometry.twist[:, 0]).mean())
     return (
@@ -172,8 +172,7 @@ def tried_rows(diagnosis: Diagnosis) -> List[str]:
 def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     """Return the diagnosis as JSON values, for programs and for the page."""
     replay = diagnosis.replay
-    scans = replay.drive.scans
-    assert scans is not None
+    scans = replay.recording.scans
     # The map: points of some scans, one for each cell
     chosen_scans = np.linspace(0, len(scans) - 1, SCANS).astype(int)
     clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
@@ -181,7 +180,7 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
 
     # The measured motion, not the commands: a robot that stands may be told to drive.
     # Columns: time [s], x, y [m] in the odometry frame, forward speed [m/s]
-    odometry = replay.odometry
+    odometry = replay.recording.odometry
     track = np.column_stack([odometry.time, odometry.pose[:, :2], odometry.twist[:, 0]])
 
     event_values = []
@@ -205,7 +204,7 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
         "top_speed": replay.top_speed,
         "plan": plan[:, :2].round(2).tolist(),
         "goal": goal[:2] if goal is not None else None,
-        "footprint": replay.costmap.footprint.round(3).tolist(),
+        "footprint": replay.planner.footprint(replay.settings).round(3).tolist(),
     }
 
 

@@ -12,7 +12,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive
 from applr_ros1.robots import Robot
-from training.bags.seen_world import seen_grid, seen_world
 from training.why import events
 from training.why.alternatives import Alternative, best_changes, changes_to_try, together
 from training.why.candidates import (
@@ -39,7 +38,8 @@ from training.why.reasons import (
     stuck,
     unmoved,
 )
-from training.why.replay import Cycle, Replay
+from training.why.replay import Replay, ReplayedCycle
+from training.why.seen_world import seen_grid, seen_world
 from training.why.whole_drives import ROUND, Course, Trials, limit_of, try_out
 from training.workers.pool import Pool
 
@@ -98,7 +98,7 @@ class Diagnosis:
     @property
     def wants_remedy(self) -> bool:
         """True if events took much of the drive, and it was not nearly as fast as possible."""
-        odometry = self.replay.odometry
+        odometry = self.replay.recording.odometry
         pursued_rows = np.flatnonzero(events.pursued(self.drive, odometry))
         if len(pursued_rows) < 2:
             return False
@@ -108,7 +108,7 @@ class Diagnosis:
 
         # Time that a straight drive at top speed would take
         dx, dy, _ = odometry.pose[last_row] - odometry.pose[first_row]
-        top_speed = self.replay.limits().speed[pursued_rows].mean()
+        top_speed = self.replay.limits.speed[pursued_rows].mean()
         shortest_time = float(np.hypot(dx, dy) / top_speed)
 
         lost_time = sum(event.seconds for event in self.events)
@@ -125,7 +125,7 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
     """
     # What happened
     if at is None:
-        found_events = events.find(replay.drive, replay.limits())
+        found_events = events.find(replay.drive, replay.limits)
     else:
         found_events = [_moment(replay, at)]
     diagnosis = Diagnosis(replay, found_events)
@@ -149,7 +149,7 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
 
 def _moment(replay: Replay, at: float) -> Event:
     """Return the time around a moment as an event."""
-    odometry = replay.odometry
+    odometry = replay.recording.odometry
     drive_begin = float(odometry.time[0])
     drive_end = last_time(replay.drive)
     if not drive_begin <= at <= drive_end:
@@ -175,7 +175,7 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
 
 def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> str:
     """Return in words why an event happened, or ""."""
-    stretch = Stretch(replay.drive, event.begin, event.end, EVENT_SHARE, replay.period)
+    stretch = Stretch(replay.drive, event.begin, event.end, EVENT_SHARE, replay.planner.period)
     outside_reason = first_of(OUTSIDE, stretch)
     if outside_reason:
         return outside_reason
@@ -187,7 +187,7 @@ def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> s
     middle_explanation = explained[len(explained) // 2]
     if event.kind == AT_GOAL and not middle_explanation.is_blocked:
         cycles = replay.between(event.begin, event.end)
-        return at_goal(replay, cycles[-1])
+        return at_goal(replay.planner, cycles[-1].settings)
     return middle_explanation.words or late(stretch)
 
 
@@ -208,7 +208,7 @@ def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
             other_cycles.append(cycle)
 
     # Longer events count more, but each of them a little.
-    tried_from: List[Cycle] = []
+    tried_from: List[ReplayedCycle] = []
     for event, cycle_count in zip(found, cycle_counts):
         time_share = cycle_count / cycle_total
         cycles_with_lead = replay.between(event.begin - LEAD_S, event.end)
@@ -216,7 +216,7 @@ def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
     return best_changes(replay, changes_to_try(replay), tried_from, some(other_cycles, CYCLES))
 
 
-def some(cycles: Sequence[Cycle], count: int, power: float = 1.0) -> List[Cycle]:
+def some(cycles: Sequence[ReplayedCycle], count: int, power: float = 1.0) -> List[ReplayedCycle]:
     """Return at most `count` cycles, only reproduced ones if there are any.
 
     With a power of 1 they are evenly spread; a larger one prefers early cycles.
@@ -242,11 +242,11 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
     if goal is None:
         return None
     # The settings at the longest event: if they change on the way, no drive can have all of them.
-    settings = replay.in_force(longest_event.begin)
+    settings = replay.history.at(longest_event.begin)
     robot = with_changes(replay.robot, recorded_changes(replay.robot, settings), replay.robot.name)
 
     # From where the robot was sent to its goal
-    odometry = replay.odometry
+    odometry = replay.recording.odometry
     is_pursued = events.pursued(drive, odometry)
     first_row = int(np.argmax(is_pursued))
     last_row = int(np.flatnonzero(is_pursued)[-1])
@@ -258,7 +258,7 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
         seconds = np.inf
     course = Course(
         robot=robot,
-        world=seen_world(seen_grid(drive, replay.robot), drive.name, (x, y, yaw), goal),
+        world=seen_world(seen_grid(replay.recording), drive.name, (x, y, yaw), goal),
         has_monitor=drive.planned is not drive.commands,
         limit=limit_of(seconds),
         ends_at_tolerance=longest_event.kind != AT_GOAL,
@@ -273,7 +273,7 @@ def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
     for guess in diagnosis.guesses[:LIVE]:
         live_candidates += milder(replay, guess)
         live_candidates.append(Candidate(guess.changes))
-    live_candidates += escape_candidates(replay.server, replay.settings[replay.server])
+    live_candidates += escape_candidates(replay.planner.name, replay.settings[replay.planner.name])
 
     # The replay does not see what values of files would do: unusual ones come before guesses that
     # it ranks low.
@@ -328,8 +328,8 @@ def compared(first: Replay, second: Replay) -> List[str]:
         is_text = isinstance(change.before, str)
         if not is_text and not change.server.startswith("global_costmap"):
             changes.append(change)
-    slow_cycles: List[Cycle] = []
-    for event in events.find(first.drive, first.limits()):
+    slow_cycles: List[ReplayedCycle] = []
+    for event in events.find(first.drive, first.limits):
         slow_cycles += first.between(event.begin, event.end)
     alternatives = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
 

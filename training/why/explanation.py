@@ -9,19 +9,14 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tup
 
 import numpy as np
 
-from applr_ros1.common.angles import (
-    Pose,
-    compose,
-    inverse,
-    normalize_angle_modulo,
-    transform_point,
-)
+from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo, transform_point
 from applr_ros1.common.paths import distances
-from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots.check import crossed_limits
 from training.why.events import SLOW
-from training.why.replay import Cycle, Replay
+from training.why.replay import Replay, ReplayedCycle
+from training.why.rerun import Asked, LocalMap, RerunPlanner, Said, arc
 
 # A sample drives on if it is at least SLOW, or nearly the fastest sample if this is slower.
 FASTEST = 0.95
@@ -99,8 +94,8 @@ class Explanation:
         return asdict(self)
 
 
-class Samples(NamedTuple):
-    """Velocities that the planner compared in a cycle.
+class Compared(NamedTuple):
+    """Velocities that the planner compared in a cycle, by whether they drive on.
 
     Attributes:
         velocities: (n, 2) v [m/s], w [rad/s].
@@ -131,14 +126,12 @@ class Samples(NamedTuple):
         return f"({v:.2f} m/s, {w:.2f} rad/s)"
 
 
-def explain(replay: Replay, cycle: Cycle) -> Explanation:
+def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
     """Return what kept the robot from driving on in a cycle."""
-    replay.put_in_force(cycle.settings)
-    replay.costmap.restore(cycle.map)
-    command = replay.command(cycle)
-    samples = samples_of(replay, cycle, command)
+    said = replay.at(cycle)
+    values = cycle.settings[replay.planner.name]
+    samples = compared(said, values["max_vel_x"])
     explanation = Explanation(cycle.at, cycle.pose)
-    values = cycle.settings[replay.server]
 
     # What kept the planner from a sample that drives on
     if samples.drives_on[samples.winner]:
@@ -146,19 +139,19 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
         explanation.lines.append(f"The planner drives on {samples.in_words(samples.winner)}.")
     elif samples.best is not None:
         _explain_outbid(explanation, samples, samples.best, values)
+    crossing = _crossing(replay.planner.name, values)
     if (samples.drives_on & (samples.costs < 0)).any():
-        _explain_illegal(explanation, replay, cycle, samples)
+        scan_points = replay.cloud(cycle.scan).points[:, :2]
+        _explain_illegal(explanation, samples, said.map, values, crossing, scan_points)
     # Without straight commands, turns are all that is compared.
-    crossing = _crossing(replay.server, values)
     if crossing and not samples.drives_on[samples.winner]:
         explanation.words = f"every straight way is refused, as {crossing}"
     # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
-    elif leads_back(replay, cycle):
+    elif leads_back(cycle, PLAN_AHEAD_M * replay.robot.world_scale):
         explanation.words = "the plan leads back, behind the robot"
 
     # What the page shows
-    x, y, _, _, cost = replay.local.trajectory_cloud(replay.costmap).T
-    explanation.points = np.column_stack([x, y, cost]).round(2).tolist()
+    explanation.points = said.trajectory_points.round(2).tolist()
     explanation.table = _table(samples)
     if samples.best is not None:
         # The command comes first, so that the sample follows it, or is the command itself.
@@ -167,19 +160,18 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
     return explanation
 
 
-def samples_of(replay: Replay, cycle: Cycle, command: Sequence[float]) -> Samples:
-    """Return what the planner compared in the cycle that it has just run."""
-    velocities, costs, cost_parts = replay.local.planner.sample_costs(replay.costmap, command)
-    top_speed = cycle.settings[replay.server]["max_vel_x"]
+def compared(said: Said, top_speed: float) -> Compared:
+    """Return what the planner compared in a cycle, with a top speed [m/s] of the robot."""
+    velocities, costs, cost_parts = said.samples
     fastest_speed = velocities[:, 0].max()
     drives_on = velocities[:, 0] >= min(SLOW * top_speed, FASTEST * fastest_speed)
     # The command is one of the samples, or was rounded a little.
-    differences = np.abs(velocities - command).sum(axis=1)
+    differences = np.abs(velocities - said.command).sum(axis=1)
     winner = int(differences.argmin())
-    return Samples(velocities, costs, cost_parts, drives_on, winner)
+    return Compared(velocities, costs, cost_parts, drives_on, winner)
 
 
-def _nothing_faster(samples: Samples, values: Mapping[str, Any]) -> str:
+def _nothing_faster(samples: Compared, values: Mapping[str, Any]) -> str:
     """Return that even the fastest sample is slow, or ""."""
     fastest_speed = float(samples.velocities[:, 0].max())
     if fastest_speed >= SLOW * values["max_vel_x"]:
@@ -189,7 +181,7 @@ def _nothing_faster(samples: Samples, values: Mapping[str, Any]) -> str:
 
 
 def _explain_outbid(
-    explanation: Explanation, samples: Samples, best: int, values: Mapping[str, Any]
+    explanation: Explanation, samples: Compared, best: int, values: Mapping[str, Any]
 ) -> None:
     """Add why the cheapest sample that drives on was not chosen."""
     costs = samples.costs
@@ -222,13 +214,37 @@ def _explain_outbid(
 
 
 def _explain_illegal(
-    explanation: Explanation, replay: Replay, cycle: Cycle, samples: Samples
+    explanation: Explanation,
+    samples: Compared,
+    local_map: LocalMap,
+    values: Mapping[str, Any],
+    crossing: str,
+    scan_points: np.ndarray,
 ) -> None:
-    """Add what refused the faster samples that are illegal, from the straightest one."""
+    """Add what refused the faster samples that are illegal, from the straightest one.
+
+    Args:
+        explanation: Explanation to add it to.
+        samples: What the planner compared.
+        local_map: Local costmap of the cycle.
+        values: Parameters of the planner.
+        crossing: Which limits leave no velocity to drive with, or "".
+        scan_points: (n, 2) points of the latest scan [m].
+    """
     illegal_rows = np.flatnonzero(samples.drives_on & (samples.costs < 0))
     turn_rates = np.abs(samples.velocities[illegal_rows, 1])
     straightest_row = int(illegal_rows[turn_rates.argmin()])
-    objection = _refusal(explanation, replay, cycle, samples, straightest_row)
+    # No place and no plan would make a difference to crossed limits.
+    if crossing:
+        objection = f"is refused, as {crossing}"
+    else:
+        v, w = samples.velocities[straightest_row].tolist()
+        explanation.obstacle = _obstacle(local_map, explanation.pose, v, w, values["sim_time"])
+        if explanation.obstacle:
+            place = _place(explanation.pose, explanation.obstacle, scan_points)
+            objection = f"meets {place}"
+        else:
+            objection = _refusal(samples, straightest_row, values)
     faster_count = int(samples.drives_on.sum())
     if len(illegal_rows) == faster_count and not samples.drives_on[samples.winner]:
         explanation.words = f"every faster way {objection}"
@@ -239,19 +255,9 @@ def _explain_illegal(
     )
 
 
-def _refusal(
-    explanation: Explanation, replay: Replay, cycle: Cycle, samples: Samples, row: int
-) -> str:
-    """Return why a sample is illegal, and set the obstacle that it meets."""
-    v, w = samples.velocities[row].tolist()
-    values = cycle.settings[replay.server]
-    # No place and no plan would make a difference.
-    crossing = _crossing(replay.server, values)
-    if crossing:
-        return f"is refused, as {crossing}"
-    explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
-    if explanation.obstacle:
-        return f"meets {_place(replay, cycle, explanation.obstacle)}"
+def _refusal(samples: Compared, row: int, values: Mapping[str, Any]) -> str:
+    """Return why a sample is illegal that meets no obstacle."""
+    v, _ = samples.velocities[row].tolist()
     for critic, critic_costs in samples.parts.items():
         if critic_costs[row] < 0:
             return f"is refused by the critic {critic}"
@@ -275,11 +281,10 @@ def _crossing(planner: str, values: Mapping[str, Any]) -> str:
     return ""
 
 
-def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:
+def _place(pose: Pose, obstacle: Sequence[float], scan_points: np.ndarray) -> str:
     """Return in words where an obstacle cell is, and which scan shows it."""
-    distance_ahead, distance_left = transform_point(inverse(cycle.pose), *obstacle)
-    points = replay.cloud(cycle.scan).points[:, :2]
-    point_distances = distances(points, np.array(obstacle))
+    distance_ahead, distance_left = transform_point(inverse(pose), *obstacle)
+    point_distances = distances(scan_points, np.array(obstacle))
     # What the latest scan does not show stays in the map until a beam clears it.
     is_in_scan = point_distances.min(initial=np.inf) < NEAR_M
     source = "the latest scan" if is_in_scan else "earlier scans"
@@ -293,7 +298,7 @@ def beside(ahead: float, left: float, digits: int = 2) -> str:
     return f"{abs(ahead):.{digits}f} m {front_or_back} and {abs(left):.{digits}f} m to the {side}"
 
 
-def _table(samples: Samples) -> List[List[Any]]:
+def _table(samples: Compared) -> List[List[Any]]:
     """Return names and rows of the command, the cheapest sample that drives on, and others."""
     columns = [samples.velocities, samples.costs, *samples.parts.values()]
     rows = np.column_stack(columns).round(2)
@@ -307,12 +312,14 @@ def _table(samples: Samples) -> List[List[Any]]:
     return [["v", "w", "cost", *samples.parts], *rows[distinct_rows].tolist()]
 
 
-def leads_back(replay: Replay, cycle: Cycle) -> bool:
-    """Return whether the plan begins by more than a right angle off the robot's heading."""
+def leads_back(cycle: Asked, lookahead: float) -> bool:
+    """Return whether the plan begins by more than a right angle off the robot's heading.
+
+    The point of the plan at `lookahead` [m] from the robot shows where it leads.
+    """
     x, y, yaw = cycle.pose
     points = cycle.plan[:, :2]
     from_robot = distances(points, np.array([x, y]))
-    lookahead = PLAN_AHEAD_M * replay.robot.world_scale
     # The first point at some distance shows the way: those beside the robot lie anywhere.
     first_point = int(from_robot.argmin())
     rows_beyond = np.flatnonzero(from_robot[first_point:] >= lookahead)
@@ -323,16 +330,16 @@ def leads_back(replay: Replay, cycle: Cycle) -> bool:
     return abs(angle) > BACK
 
 
-def at_goal(replay: Replay, cycle: Cycle) -> str:
+def at_goal(planner: RerunPlanner, settings: Settings) -> str:
     """Return in words what keeps a robot at its goal from ending it."""
     # Some planners read their tolerances only once.
-    values = {**replay.move_base.parameters[replay.server], **cycle.settings[replay.server]}
+    values = {**planner.start_values, **settings[planner.name]}
     tolerance = values["yaw_goal_tolerance"]
     # The slowest turn on the spot has a parameter of its own in TrajectoryPlannerROS.
     turn_parameter = "min_in_place_vel_theta"
     if turn_parameter not in values:
         turn_parameter = "min_vel_theta"
-    turn_of_cycle = abs(values[turn_parameter]) * replay.period
+    turn_of_cycle = abs(values[turn_parameter]) * planner.period
     # Each cycle then turns past the tolerance on both sides of the goal's heading.
     if turn_of_cycle > 2.0 * tolerance:
         return (
@@ -349,7 +356,7 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
 
     A robot that stands or drives straight on proves nothing: a wall along its way stays beside it.
     """
-    x, y = replay.costmap.footprint.T
+    x, y = replay.planner.footprint(replay.settings).T
     reach = float(np.hypot(x, y).max()) + BESIDE_M * replay.robot.world_scale
     turned_cycles = _distinct_headings(replay.cycles)
     if len(turned_cycles) < HEADINGS:
@@ -373,9 +380,9 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
     return most_seen_place
 
 
-def _distinct_headings(cycles: Sequence[Cycle]) -> List[Cycle]:
+def _distinct_headings(cycles: Sequence[ReplayedCycle]) -> List[ReplayedCycle]:
     """Return cycles whose headings are at least TURNED apart from each other."""
-    distinct_cycles: List[Cycle] = []
+    distinct_cycles: List[ReplayedCycle] = []
     headings = np.empty(0)
     for cycle in cycles:
         yaw = cycle.pose[2]
@@ -386,38 +393,18 @@ def _distinct_headings(cycles: Sequence[Cycle]) -> List[Cycle]:
     return distinct_cycles
 
 
-def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
-    """Return the pose after some time of driving with a constant command: v [m/s], w [rad/s].
-
-    The chord of a circular arc points into half of the turn.
-    """
-    turn = w * seconds
-    half_turn = 0.5 * turn
-    chord = v * seconds
-    if half_turn != 0.0:
-        chord *= math.sin(half_turn) / half_turn
-    return compose(pose, (chord * math.cos(half_turn), chord * math.sin(half_turn), turn))
-
-
-def lethal_points(replay: Replay) -> np.ndarray:
-    """Return the centres (n, 2) [m] of the lethal cells of the local costmap."""
-    rows, columns = np.nonzero(replay.costmap.cells == LETHAL)
-    centres = np.column_stack([columns, rows]) + 0.5
-    return replay.costmap.origin + centres * replay.costmap.resolution
-
-
 def _obstacle(
-    replay: Replay, start: Pose, v: float, w: float, seconds: float
+    local_map: LocalMap, start: Pose, v: float, w: float, seconds: float
 ) -> Optional[List[float]]:
     """Return the lethal cell (x, y) [m] that the footprint meets first on its way, or None."""
-    lethal_centres = lethal_points(replay)
-    if not len(lethal_centres):
+    lethal_points = local_map.lethal_points
+    if not len(lethal_points):
         return None
     for drive_time in np.arange(0.0, seconds, STEP_S):
         pose = arc(start, v, w, drive_time)
-        if replay.costmap.footprint_cost(*pose) < 0:
-            nearest = _nearest_to_footprint(replay.costmap.footprint, pose, lethal_centres)
-            cell: List[float] = lethal_centres[nearest].round(3).tolist()
+        if local_map.is_illegal(pose):
+            nearest = _nearest_to_footprint(local_map.footprint, pose, lethal_points)
+            cell: List[float] = lethal_points[nearest].round(3).tolist()
             return cell
     return None
 

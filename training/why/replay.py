@@ -11,24 +11,34 @@ import math
 from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, replace
-from itertools import product
-from operator import itemgetter
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
+from functools import cached_property
+from itertools import chain, product
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
 
 import numpy as np
-from tqdm import tqdm
 from typing_extensions import override
 
-from applr_ros1.common.angles import Pose, compose
-from applr_ros1.common.scan import LaserScan, PointCloud, observe
-from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans
+from applr_ros1.common.scan import PointCloud
+from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.local_planner import Command
-from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import Settings, send
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
-from training.env.episode import counting_cells
 from training.why.events import Limits
+from training.why.recording import Recording
+from training.why.rerun import Ahead, Asked, MapSnapshot, Memory, RerunPlanner, Said
 
 # Reasons why a command is no cycle of the local planner
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
@@ -51,25 +61,26 @@ UPDATES: Tuple[Tuple[Optional[int], int], ...] = (
     (None, 0),
 )
 
-Map = Tuple[np.ndarray, ...]  # snapshot of the local costmap
+Watch = Callable[[Sequence[int]], Iterable[int]]  # Shows the progress of a loop over its items.
 
 
-@dataclass
-class Cycle:
-    """Control cycle of a replay."""
+@dataclass(frozen=True)
+class ReplayedCycle(Asked):
+    """Control cycle of a replay.
 
-    at: float  # time of its command [s]
-    command: Command  # recorded command (v [m/s], w [rad/s])
-    pose: Pose  # pose of the robot in the odometry frame
-    twist: Command  # measured (v, w) of the robot
-    plan: np.ndarray  # plan (n, 3) that was followed, in the odometry frame
-    map: Map  # local costmap
-    memory: List[float]  # flags of the planner before the cycle
-    is_new: bool  # whether the plan was new, which may clear the flags
-    settings: Settings  # parameters in force
-    scan: int  # index of the latest scan
-    is_cleared: bool = False  # whether the costmap was cleared since the cycle before
-    error: float = np.inf  # difference between the replayed and the recorded command [m/s + rad/s]
+    Attributes:
+        at: Time of its command [s].
+        command: Recorded command (v [m/s], w [rad/s]).
+        scan: Index of the latest scan.
+        is_cleared: Whether the costmap was cleared since the cycle before.
+        error: Difference between the replayed and the recorded command [m/s + rad/s].
+    """
+
+    at: float
+    command: Command
+    scan: int
+    is_cleared: bool = False
+    error: float = np.inf
 
     @property
     def reproduced(self) -> bool:
@@ -77,38 +88,54 @@ class Cycle:
         return self.error < EQUAL
 
 
-class Replayable(NamedTuple):
-    """Columns of a drive that can be replayed."""
+class History(NamedTuple):
+    """Parameters in force during a drive.
 
-    planned: Commands
-    odometry: Motion
-    scans: Scans
-    plans: Plans
+    Attributes:
+        times: Times from which on each settings are in force [s]; the first is -inf.
+        settings: Settings.
+    """
+
+    times: List[float]
+    settings: List[Settings]
+
+    def at(self, time: float) -> Settings:
+        """Return the parameters in force at a time [s]."""
+        return self.settings[bisect_right(self.times, time) - 1]
 
 
+@dataclass(frozen=True)
 class Replay:
-    """Planner of a robot that replays a drive; `run` fills `cycles`."""
+    """Replayed drive.
 
-    def __init__(self, robot: Robot):
-        self.robot = robot
-        self.drive = Drive()
-        self.cycles: List[Cycle] = []
-        self.left_out: Counter[str] = Counter()  # numbers of commands that are no cycles, by reason
-        self.move_base = MoveBase(counting_cells(robot.parameters()))
-        self.local: Any = self.move_base.local_planner
-        self.costmap = self.move_base.local_costmap
-        self.server = self.move_base.local_planner_name
-        rate = self.move_base.configuration("")["controller_frequency"]
-        self.period = 1.0 / max(rate, 1.0)  # control period [s]
-        start_settings = Settings.from_tree(self.move_base.parameters)
-        values_by_server = {}
-        for server in start_settings:
-            # The values of move_base itself (server "") stay as they are while it drives.
-            if server:
-                values_by_server[server] = start_settings[server]
-        self.settings = Settings(values_by_server)
-        self.history = [(-math.inf, self.settings)]  # (time [s], settings in force from then on)
-        self._clearings: List[float] = []  # calls to clear the costmaps, not yet replayed [s]
+    Attributes:
+        recording: The drive.
+        planner: The robot's planner.
+        history: Parameters in force.
+        cycles: Cycles of the local planner in order of time.
+        left_out: Numbers of commands that are no cycles, by reason.
+    """
+
+    recording: Recording
+    planner: RerunPlanner
+    history: History
+    cycles: List[ReplayedCycle]
+    left_out: Dict[str, int]
+
+    @property
+    def drive(self) -> Drive:
+        """The recorded drive."""
+        return self.recording.drive
+
+    @property
+    def robot(self) -> Robot:
+        """Robot that drove."""
+        return self.recording.robot
+
+    @property
+    def settings(self) -> Settings:
+        """Parameters in force at the end."""
+        return self.history.settings[-1]
 
     @property
     def reproduced(self) -> int:
@@ -118,7 +145,7 @@ class Replay:
     @property
     def commands(self) -> int:
         """Number of all commands of the drive."""
-        return len(self.cycles) + self.left_out.total()
+        return len(self.cycles) + sum(self.left_out.values())
 
     @property
     def share(self) -> float:
@@ -145,256 +172,120 @@ class Replay:
             summary += "; no parameter_updates: the folder's values are assumed"
         return summary
 
-    def run(self, drive: Drive) -> None:
-        """Replay all cycles of a drive.
-
-        Raises:
-            DriveError: The drive lacks commands, odometry, scans or plans.
-        """
-        self.drive = drive
-        planned = drive.require(Replayable).planned
-
-        # Parameters in force from each change on
-        for change_time, server, values in changes_of(drive, self.robot):
-            changes = self.settings.differences({server: values})
-            self.settings = self.settings.with_(*changes)
-            self.history.append((change_time, self.settings))
-
-        for decision in drive.decisions:
-            if decision.cleared:
-                self._clearings.append(decision.time)
-
-        # Cycles in order: each one continues from the map and the flags of the one before
-        commands = list(zip(planned.time.tolist(), planned.twist.tolist()))
-        for command_time, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
-            settings = self.in_force(command_time)
-            self.put_in_force(settings)
-            odometry_row = self.odometry.latest(command_time)
-            scan_row = self._scans.latest(command_time)
-            plan = self._plan(command_time)
-            if plan is None:
-                self.left_out[WITHOUT_PLAN] += 1
-                continue
-            if odometry_row < 0 or scan_row < 0:
-                self.left_out[TOO_EARLY] += 1
-                continue
-            pose, twist = self.measured(odometry_row)
-            cycle = Cycle(
-                at=command_time,
-                command=(v, w),
-                pose=pose,
-                twist=twist,
-                plan=plan,
-                map=self.costmap.snapshot(),
-                memory=self.local.planner.state,
-                is_new=False,
-                settings=settings,
-                scan=scan_row,
-            )
-            cycle = self._replayed(cycle, odometry_row)
-            self.cycles.append(cycle)
-            # A call that no cycle shows within this time had failed.
-            if cycle.is_cleared or self._clears(command_time - CLEARED_S):
-                self._clearings.pop(0)
-
-    def in_force(self, at: float) -> Settings:
-        """Return the parameters in force at a time [s]."""
-        row = bisect_right(self.history, at, key=itemgetter(0)) - 1
-        return self.history[row][1]
-
-    def between(self, begin: float, end: float) -> List[Cycle]:
+    def between(self, begin: float, end: float) -> List[ReplayedCycle]:
         """Return the cycles between two times [s]."""
         return [cycle for cycle in self.cycles if begin <= cycle.at <= end]
 
+    @cached_property
     def limits(self) -> Limits:
-        """Return what the drive is measured by."""
+        """What the drive is measured by."""
         speeds = []
         turn_rates = []
-        for row_time in self.odometry.time.tolist():
-            values = self.in_force(row_time)[self.server]
+        for row_time in self.recording.odometry.time.tolist():
+            values = self.history.at(row_time)[self.planner.name]
             speeds.append(values["max_vel_x"])
             turn_rates.append(values["max_vel_theta"])
         return Limits(
             speed=np.array(speeds),
             turn=np.array(turn_rates),
-            tolerance=self.move_base.goal_tolerance,
+            tolerance=self.planner.goal_tolerance,
             scale=self.robot.world_scale,
         )
 
     @property
     def top_speed(self) -> float:
         """Mean top speed that the planner allows [m/s]."""
-        return float(self.limits().speed.mean())
-
-    @property
-    def odometry(self) -> Motion:
-        """Odometry of the drive."""
-        assert self.drive.odometry is not None
-        return self.drive.odometry
-
-    @property
-    def _scans(self) -> Scans:
-        assert self.drive.scans is not None
-        return self.drive.scans
-
-    def measured(self, odometry_row: int) -> Tuple[Pose, Command]:
-        """Return pose and velocity that the planner was given with an odometry message."""
-        twists = self.drive.planner_twist
-        if twists is None:
-            twists = self.odometry.twist
-        x, y, yaw = self.odometry.pose[odometry_row].tolist()
-        v, w = twists[odometry_row].tolist()
-        return (x, y, yaw), (v, w)
-
-    def put_in_force(self, settings: Settings) -> None:
-        """Set the parameters of the local planner and of the costmaps' layers."""
-        send(settings, self.move_base)
-
-    def _plan(self, at: float) -> Optional[np.ndarray]:
-        """Return the plan of the cycle at a time, or None if there was no plan.
-
-        DWAPlannerROS publishes an empty plan if it finds no command. Its plan is then the one
-        before.
-        """
-        assert self.drive.plans is not None
-        plans = self.drive.plans
-        plan_row = plans.latest(at + SAME_CYCLE_S)
-        if plan_row < 0 or plans.time[plan_row] < at - SAME_CYCLE_S:
-            return None
-        for plan_path in plans.path[plan_row::-1]:
-            if len(plan_path):
-                return plan_path
-        return None
-
-    def _paths(self, asked: Cycle) -> List[np.ndarray]:
-        """Return the plan of a cycle, and the one before it if either may have been followed."""
-        assert self.drive.plans is not None
-        plans = self.drive.plans
-        plan_row = plans.latest(asked.at)
-        if plan_row > 0 and plans.time[plan_row - 1] == plans.time[plan_row] == asked.at:
-            return [asked.plan, plans.path[plan_row - 1]]
-        return [asked.plan]
-
-    def _clears(self, time: float) -> bool:
-        """Return whether a call to clear the costmaps, made until `time` [s], is to be replayed."""
-        return bool(self._clearings) and self._clearings[0] <= time
-
-    def _maps(self, asked: Cycle) -> List[Tuple[Map, bool]]:
-        """Return the map before a cycle, and whether it is cleared.
-
-        If it may have been cleared since the cycle before, the cleared map comes first.
-        """
-        if not self._clears(asked.at):
-            return [(asked.map, False)]
-        self.costmap.restore(asked.map)
-        self.costmap.clear()
-        return [(self.costmap.snapshot(), True), (asked.map, False)]
-
-    def _update(self, scan_row: int, odometry_row: int) -> None:
-        """Update the local costmap with a scan at the pose of an odometry message."""
-        pose, _ = self.measured(odometry_row)
-        self.costmap.update(pose, self.cloud(scan_row))
+        return float(self.limits.speed.mean())
 
     def cloud(self, scan_row: int) -> PointCloud:
         """Return the points of a scan in the odometry frame, as the local costmap takes them."""
-        return observe(self.scan(scan_row), self.costmap.obstacles.buffers[0].source.inf_is_valid)
+        return self.planner.cloud(self.recording.scan(scan_row))
 
-    def scan(self, scan_row: int) -> LaserScan:
-        """Return a scan at the laser's place in the odometry frame at the time of its stamp."""
-        laser = self.robot.laser
-        scan_stamp = self._scans.stamp[scan_row]
-        first_angle, increment, range_min, range_max = self._scans.fan[scan_row].tolist()
-        robot_pose = self.odometry.pose_at(scan_stamp)
-        laser_place = compose(robot_pose, self.drive.laser_pose or laser.pose)
-        ranges = self._scans.ranges[scan_row]
-        return LaserScan(
-            stamp=0.0,
-            angle_min=first_angle,
-            angle_increment=increment,
-            range_min=range_min,
-            range_max=range_max,
-            ranges=ranges,
-            sensor_pose=laser_place,
-            sensor_height=laser.height,
+    def at(self, cycle: Asked) -> Said:
+        """Return what the planner says in a cycle, of this replay or with other values."""
+        return self.planner.said(cycle)
+
+    def ahead(self, cycle: Asked, settings: Settings, cycle_count: int) -> Ahead:
+        """Return how the robot would drive on from a cycle with other parameters.
+
+        Raises:
+            ApplrError: The parameters contradict each other.
+        """
+        return self.planner.ahead(cycle, settings, cycle_count)
+
+
+def replay_of(
+    recording: Recording, planner: Optional[RerunPlanner] = None, watch: Watch = iter
+) -> Replay:
+    """Replay all cycles of a drive.
+
+    Args:
+        recording: The drive.
+        planner: The robot's planner, which has answered nothing yet; by default a new one.
+        watch: Shows the progress of a loop, as tqdm does.
+    """
+    if planner is None:
+        planner = RerunPlanner(recording.robot)
+    history = _history(recording, planner.start_settings)
+    search = _Search(recording, planner)
+    clearing_times = [decision.time for decision in recording.drive.decisions if decision.cleared]
+    left_out: Counter[str] = Counter()
+    cycles = []
+
+    # Each cycle continues from the map and the memory of the one before.
+    settings = planner.start_settings
+    map_before = planner.first_map(settings)
+    memory = planner.first_memory
+    for command_row in watch(range(len(recording.planned))):
+        command_time = float(recording.planned.time[command_row])
+        if history.at(command_time) is not settings:
+            earlier_settings = settings
+            settings = history.at(command_time)
+            map_before = planner.reconfigured(map_before, earlier_settings, settings)
+        odometry_row = recording.odometry.latest(command_time)
+        scan_row = recording.scans.latest(command_time)
+        plan = _plan(recording, command_time)
+        if plan is None:
+            left_out[WITHOUT_PLAN] += 1
+            continue
+        if odometry_row < 0 or scan_row < 0:
+            left_out[TOO_EARLY] += 1
+            continue
+        pose, twist = recording.measured(odometry_row)
+        v, w = recording.planned.twist[command_row].tolist()
+        first_guess = ReplayedCycle(
+            at=command_time,
+            command=(v, w),
+            pose=pose,
+            twist=twist,
+            plan=plan,
+            map=map_before,
+            memory=memory,
+            is_new=False,
+            settings=settings,
+            scan=scan_row,
         )
+        may_be_cleared = bool(clearing_times) and clearing_times[0] <= command_time
+        cycle, memory = search.reproduced(first_guess, odometry_row, may_be_cleared)
+        map_before = cycle.map
+        cycles.append(cycle)
+        # A call that no cycle shows within CLEARED_S had failed.
+        is_over = may_be_cleared and clearing_times[0] <= command_time - CLEARED_S
+        if cycle.is_cleared or is_over:
+            clearing_times.pop(0)
+    return Replay(recording, planner, history, cycles, left_out)
 
-    def command(self, cycle: Cycle) -> Command:
-        """Return the planner's command in a cycle, on the present map, with the present values."""
-        self.begin(cycle)
-        command: Command = self.local.compute_velocity(cycle.pose, cycle.twist, self.costmap)[1]
-        return command
 
-    def begin(self, cycle: Cycle) -> None:
-        """Give the planner the plan and the flags of a cycle."""
-        self.local.planner.state = cycle.memory
-        # A new plan may clear flags. The same plan, given again, must not.
-        self.local.set_plan(cycle.plan)
-        if not cycle.is_new:
-            self.local.planner.state = cycle.memory
-
-    def _replayed(self, asked: Cycle, odometry_row: int) -> Cycle:
-        """Return a cycle with the first choice that reproduces it, else with the first choice.
-
-        The error is the least one of all choices. The planner keeps the flags after the recorded
-        command, and the costmap shows the map of the choice.
-        """
-        first_choice: Optional[Cycle] = None
-        least_error = np.inf
-        for cycle in self._choices(asked, odometry_row):
-            v, w = self.command(cycle)
-            recorded_v, recorded_w = asked.command
-            cycle.error = abs(v - recorded_v) + abs(w - recorded_w)
-            if cycle.reproduced:
-                return cycle
-            first_choice = first_choice or cycle
-            least_error = min(least_error, cycle.error)
-        assert first_choice is not None
-        self.costmap.restore(first_choice.map)
-        # The robot did what was recorded, whatever the replay would have done.
-        self.local.planner.state = first_choice.memory
-        self.local.planner.remember(first_choice.pose, *first_choice.command)
-        return replace(first_choice, error=least_error)
-
-    def _choices(self, asked: Cycle, odometry_row: int) -> Iterator[Cycle]:
-        """Yield the choices of a cycle's messages and map, the likely ones first.
-
-        The costmap shows the map of the yielded choice.
-        """
-        is_new_choices = self._choices_of_new(asked)
-        paths = self._paths(asked)
-        maps = self._maps(asked)
-        for (map_before, is_cleared), (scan_age, odometry_age) in product(maps, UPDATES):
-            if asked.scan < (scan_age or 0) or odometry_row < odometry_age:
-                continue
-            self.costmap.restore(map_before)
-            if scan_age is not None:
-                self._update(asked.scan - scan_age, odometry_row - odometry_age)
-            map_shown = self.costmap.snapshot()
-            choices = product(LAGS, POSE_SHIFTS, is_new_choices, paths)
-            for twist_lag, pose_shift, is_new, plan_path in choices:
-                twist_row = odometry_row - twist_lag
-                pose_row = twist_row + pose_shift
-                if min(twist_row, pose_row) < 0:
-                    continue
-                if max(twist_row, pose_row) >= len(self.odometry):
-                    continue
-                pose, _ = self.measured(pose_row)
-                _, twist = self.measured(twist_row)
-                yield replace(
-                    asked,
-                    pose=pose,
-                    twist=twist,
-                    map=map_shown,
-                    plan=plan_path,
-                    is_new=is_new,
-                    is_cleared=is_cleared,
-                )
-
-    def _choices_of_new(self, asked: Cycle) -> Tuple[bool, ...]:
-        """Return whether the plan of a cycle may have been new, if that makes a difference."""
-        self.begin(replace(asked, is_new=True))
-        clears_flags = self.local.planner.state != asked.memory
-        return (False, True) if clears_flags else (False,)
+def _history(recording: Recording, start_settings: Settings) -> History:
+    """Return the parameters in force from each change on."""
+    settings = start_settings
+    times = [-math.inf]
+    all_settings = [settings]
+    for change_time, server, values in changes_of(recording.drive, recording.robot):
+        settings = settings.with_(*settings.differences({server: values}))
+        times.append(change_time)
+        all_settings.append(settings)
+    return History(times, all_settings)
 
 
 def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:
@@ -411,5 +302,116 @@ def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, A
         for server, values in space_of(robot).settings_of(decision.after).items():
             if server not in recorded_servers:
                 changes.append((decision.time, server, dict(values)))
-    changes.sort(key=itemgetter(0))
+    changes.sort(key=lambda change: change[0])
     return changes
+
+
+def _plan(recording: Recording, at: float) -> Optional[np.ndarray]:
+    """Return the plan of the cycle at a time, or None if there was no plan.
+
+    DWAPlannerROS publishes an empty plan if it finds no command. Its plan is then the one before.
+    """
+    plans = recording.plans
+    plan_row = plans.latest(at + SAME_CYCLE_S)
+    if plan_row < 0 or plans.time[plan_row] < at - SAME_CYCLE_S:
+        return None
+    for plan_path in plans.path[plan_row::-1]:
+        if len(plan_path):
+            return plan_path
+    return None
+
+
+class _Search:
+    """Looks for what a cycle was given, by the command that was recorded of it."""
+
+    def __init__(self, recording: Recording, planner: RerunPlanner):
+        self._recording = recording
+        self._planner = planner
+
+    def reproduced(
+        self, first_guess: ReplayedCycle, odometry_row: int, may_be_cleared: bool
+    ) -> Tuple[ReplayedCycle, Memory]:
+        """Return a cycle with the first choice that reproduces it, and the memory after it.
+
+        Without such a choice it is the first one, with the least error of all of them.
+        """
+        choices = self._choices(first_guess, odometry_row, may_be_cleared)
+        first_choice = next(choices)
+        least_error = np.inf
+        for choice in chain([first_choice], choices):
+            answer = self._planner.answer(choice)
+            error = _difference(answer.command, choice.command)
+            if error < EQUAL:
+                return replace(choice, error=error), answer.memory
+            least_error = min(least_error, error)
+        # The robot did what was recorded, whatever the replay would have done.
+        memory = self._planner.followed(first_choice, first_choice.command)
+        return replace(first_choice, error=least_error), memory
+
+    def _choices(
+        self, first_guess: ReplayedCycle, odometry_row: int, may_be_cleared: bool
+    ) -> Iterator[ReplayedCycle]:
+        """Yield the choices of a cycle's messages and map, the likely ones first."""
+        recording = self._recording
+        settings = first_guess.settings
+        # Whether the plan was new is tried only if that makes a difference.
+        is_new_choices = [False]
+        if self._planner.clears_flags(first_guess):
+            is_new_choices.append(True)
+        paths = self._paths(first_guess)
+        maps = self._maps(first_guess, may_be_cleared)
+        for (map_before, is_cleared), (scan_age, odometry_age) in product(maps, UPDATES):
+            if first_guess.scan < (scan_age or 0) or odometry_row < odometry_age:
+                continue
+            map_shown = map_before
+            if scan_age is not None:
+                robot_pose, _ = recording.measured(odometry_row - odometry_age)
+                cloud = self._planner.cloud(recording.scan(first_guess.scan - scan_age))
+                map_shown = self._planner.updated(map_before, settings, robot_pose, cloud)
+            choices = product(LAGS, POSE_SHIFTS, is_new_choices, paths)
+            for twist_lag, pose_shift, is_new, plan_path in choices:
+                twist_row = odometry_row - twist_lag
+                pose_row = twist_row + pose_shift
+                if min(twist_row, pose_row) < 0:
+                    continue
+                if max(twist_row, pose_row) >= len(recording.odometry):
+                    continue
+                pose, _ = recording.measured(pose_row)
+                _, twist = recording.measured(twist_row)
+                yield replace(
+                    first_guess,
+                    pose=pose,
+                    twist=twist,
+                    map=map_shown,
+                    plan=plan_path,
+                    is_new=is_new,
+                    is_cleared=is_cleared,
+                )
+
+    def _paths(self, first_guess: ReplayedCycle) -> List[np.ndarray]:
+        """Return the plan of a cycle, and the one before it if either may have been followed."""
+        plans = self._recording.plans
+        plan_row = plans.latest(first_guess.at)
+        if plan_row > 0 and plans.time[plan_row - 1] == plans.time[plan_row] == first_guess.at:
+            return [first_guess.plan, plans.path[plan_row - 1]]
+        return [first_guess.plan]
+
+    def _maps(
+        self, first_guess: ReplayedCycle, may_be_cleared: bool
+    ) -> List[Tuple[MapSnapshot, bool]]:
+        """Return the map before a cycle, and whether it is cleared.
+
+        If it may have been cleared since the cycle before, the cleared map comes first.
+        """
+        map_before = first_guess.map
+        if not may_be_cleared:
+            return [(map_before, False)]
+        cleared_map = self._planner.cleared(map_before, first_guess.settings)
+        return [(cleared_map, True), (map_before, False)]
+
+
+def _difference(command: Command, other: Command) -> float:
+    """Return the difference of two commands [m/s + rad/s]."""
+    v, w = command
+    other_v, other_w = other
+    return abs(v - other_v) + abs(w - other_w)

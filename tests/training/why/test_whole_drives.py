@@ -2,7 +2,6 @@
 that follows.
 """
 
-import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,7 +14,6 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
 from tests.support.drives import simulated
-from training.bags.seen_world import seen_grid, seen_world, write_map
 from training.robot.open_floor import courses
 from training.why import answer, diagnosis, whole_drives
 from training.why.candidates import (
@@ -26,7 +24,9 @@ from training.why.candidates import (
     with_changes,
 )
 from training.why.events import Event
-from training.why.replay import Replay
+from training.why.recording import Recording
+from training.why.replay import replay_of
+from training.why.seen_world import seen_grid, seen_world, write_map
 from training.why.whole_drives import Arrival, Course, Trials, Tried, try_out
 from training.workers.pool import Pool
 from worlds.loading import load
@@ -61,7 +61,7 @@ def cell_of(grid, x, y):
 
 def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
     drive, world = door
-    grid = seen_grid(drive, JACKAL)
+    grid = seen_grid(Recording.of(drive, JACKAL))
     occupied = is_occupied(grid.cells)
     start_x, start_y, _ = drive.odometry.pose[0]
     door_y = world.boxes[0][1] + start_y
@@ -87,7 +87,7 @@ def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
 
 def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
     drive, _ = door
-    grid = seen_grid(drive, JACKAL)
+    grid = seen_grid(Recording.of(drive, JACKAL))
     map_file = str(tmp_path / "seen.yaml")
 
     write_map(grid, map_file)
@@ -105,7 +105,7 @@ def test_a_robot_can_drive_in_a_written_map(door, tmp_path):
     """Without an edge, all free cells would be outside of the building."""
     drive, _ = door
     map_file = str(tmp_path / "seen.yaml")
-    write_map(seen_grid(drive, JACKAL), map_file)
+    write_map(seen_grid(Recording.of(drive, JACKAL)), map_file)
     map_world = load(f"{map_file}:0")
     assert len(map_world.boxes)
 
@@ -231,7 +231,7 @@ def course(door):
     robot = with_changes(JACKAL, [SPOILT], "jackal")
     start = (0.0, 0.0, np.pi / 2)
     goal = (0.0, 5.0, np.pi / 2)
-    world = seen_world(seen_grid(drive, JACKAL), "seen", start, goal)
+    world = seen_world(seen_grid(Recording.of(drive, JACKAL)), "seen", start, goal)
     return Course(robot, world, has_monitor=False, limit=25.0)
 
 
@@ -423,9 +423,7 @@ def replayed(door):
     """Return the replay of the drive through the door."""
     drive, _ = door
     robot = with_changes(JACKAL, [SPOILT], "jackal")
-    replay = Replay(robot)
-    replay.run(drive)
-    return replay
+    return replay_of(Recording.of(drive, robot))
 
 
 def diagnosed(replay, trials=None, guesses=()):
@@ -518,12 +516,11 @@ def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
 
 
 def test_a_doubtful_replay_is_called_so(replayed):
-    doubtful = Replay(JACKAL)
-    doubtful.drive = replayed.drive
-    # A third of the commands is not reproduced. Copies, because other tests use these cycles.
-    doubtful.cycles = list(map(copy.copy, replayed.cycles))
-    for cycle in doubtful.cycles[::3]:
-        cycle.error = 1.0
+    # A third of the commands is not reproduced.
+    cycles = list(replayed.cycles)
+    for row in range(0, len(cycles), 3):
+        cycles[row] = replace(cycles[row], error=1.0)
+    doubtful = replace(replayed, cycles=cycles)
     certainty = answer.how_sure(diagnosed(doubtful))
     assert "few, so the planner's reasons are not to be trusted" in certainty
 
@@ -545,8 +542,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
         goal_pose = [x, y + distance, np.pi / 2]
         path = np.array([[0.0, 0.0, np.pi / 2], goal_pose])
         routes = replace(drive.routes, path=[path] * len(drive.routes))
-        replay = Replay(replayed.robot)
-        replay.run(replace(drive, routes=routes))
+        replay = replay_of(Recording.of(replace(drive, routes=routes), replayed.robot))
         with Pool(0) as pool:
             diagnosis.diagnose(replay, None, pool)
 
@@ -574,7 +570,5 @@ def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(repla
 
     slow_top_speed = Change(PLANNER, "max_vel_x", 0.5, 0.1)
     slow_robot = with_changes(JACKAL, [SPOILT, slow_top_speed], "jackal")
-    slow_replay = Replay(slow_robot)
-    slow_replay.drive = replayed.drive
-    slow_replay.cycles = replayed.cycles
+    slow_replay = replay_of(Recording.of(replayed.drive, slow_robot))
     assert not diagnosis.Diagnosis(slow_replay, [long_event]).wants_remedy
