@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, product
+from itertools import chain, islice, product
 from typing import (
     Any,
     Callable,
@@ -30,6 +30,7 @@ from typing import (
 import numpy as np
 from typing_extensions import override
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.local_planner import Command
@@ -60,6 +61,13 @@ UPDATES: Tuple[Tuple[Optional[int], int], ...] = (
     (2, 2),
     (None, 0),
 )
+
+# A command that no choice reproduces costs all choices. If there are many, as in a drive with other
+# parameters, only the likely choices are tried from then on: as long as more than HEAD_START cycles
+# of the planner were run, and more than PATIENCE of them for each command so far.
+HEAD_START = 10_000
+PATIENCE = 60
+LIKELY = 30
 
 Watch = Callable[[Sequence[int]], Iterable[int]]  # Shows the progress of a loop over its items.
 
@@ -114,6 +122,7 @@ class Replay:
         history: Parameters in force.
         cycles: Cycles of the local planner in order of time.
         left_out: Numbers of commands that are no cycles, by reason.
+        cut_short: Number of cycles for which only likely choices were tried.
     """
 
     recording: Recording
@@ -121,6 +130,7 @@ class Replay:
     history: History
     cycles: List[ReplayedCycle]
     left_out: Dict[str, int]
+    cut_short: int = 0
 
     @property
     def drive(self) -> Drive:
@@ -168,6 +178,8 @@ class Replay:
             left_out.append(f"{command_count:,} {reason}")
         if left_out:
             summary += f"; left out: {', '.join(left_out)}"
+        if self.cut_short:
+            summary += f"; {self.cut_short:,} of them were compared with the likely messages alone"
         if not self.drive.changes:
             summary += "; no parameter_updates: the folder's values are assumed"
         return summary
@@ -273,7 +285,7 @@ def replay_of(
         is_over = may_be_cleared and clearing_times[0] <= command_time - CLEARED_S
         if cycle.is_cleared or is_over:
             clearing_times.pop(0)
-    return Replay(recording, planner, history, cycles, left_out)
+    return Replay(recording, planner, history, cycles, left_out, search.cut_short)
 
 
 def _history(recording: Recording, start_settings: Settings) -> History:
@@ -322,11 +334,18 @@ def _plan(recording: Recording, at: float) -> Optional[np.ndarray]:
 
 
 class _Search:
-    """Looks for what a cycle was given, by the command that was recorded of it."""
+    """Looks for what a cycle was given, by the command that was recorded of it.
+
+    Attributes:
+        cut_short: Number of cycles for which only likely choices were tried.
+    """
 
     def __init__(self, recording: Recording, planner: RerunPlanner):
         self._recording = recording
         self._planner = planner
+        self._cycle_count = 0
+        self._answer_count = 0
+        self.cut_short = 0
 
     def reproduced(
         self, first_guess: ReplayedCycle, odometry_row: int, may_be_cleared: bool
@@ -336,9 +355,14 @@ class _Search:
         Without such a choice it is the first one, with the least error of all of them.
         """
         choices = self._choices(first_guess, odometry_row, may_be_cleared)
+        self._cycle_count += 1
+        if self._answer_count > max(HEAD_START, PATIENCE * self._cycle_count):
+            self.cut_short += 1
+            choices = islice(choices, LIKELY)
         first_choice = next(choices)
         least_error = np.inf
         for choice in chain([first_choice], choices):
+            self._answer_count += 1
             answer = self._planner.answer(choice)
             error = _difference(answer.command, choice.command)
             if error < EQUAL:
@@ -351,33 +375,15 @@ class _Search:
     def _choices(
         self, first_guess: ReplayedCycle, odometry_row: int, may_be_cleared: bool
     ) -> Iterator[ReplayedCycle]:
-        """Yield the choices of a cycle's messages and map, the likely ones first."""
-        recording = self._recording
-        settings = first_guess.settings
+        """Yield the choices of a cycle's messages and map, the likely ones first and each once."""
         # Whether the plan was new is tried only if that makes a difference.
         is_new_choices = [False]
         if self._planner.clears_flags(first_guess):
             is_new_choices.append(True)
         paths = self._paths(first_guess)
-        maps = self._maps(first_guess, may_be_cleared)
-        for (map_before, is_cleared), (scan_age, odometry_age) in product(maps, UPDATES):
-            if first_guess.scan < (scan_age or 0) or odometry_row < odometry_age:
-                continue
-            map_shown = map_before
-            if scan_age is not None:
-                robot_pose, _ = recording.measured(odometry_row - odometry_age)
-                cloud = self._planner.cloud(recording.scan(first_guess.scan - scan_age))
-                map_shown = self._planner.updated(map_before, settings, robot_pose, cloud)
-            choices = product(LAGS, POSE_SHIFTS, is_new_choices, paths)
-            for twist_lag, pose_shift, is_new, plan_path in choices:
-                twist_row = odometry_row - twist_lag
-                pose_row = twist_row + pose_shift
-                if min(twist_row, pose_row) < 0:
-                    continue
-                if max(twist_row, pose_row) >= len(recording.odometry):
-                    continue
-                pose, _ = recording.measured(pose_row)
-                _, twist = recording.measured(twist_row)
+        for map_shown, is_cleared in self._maps(first_guess, odometry_row, may_be_cleared):
+            states = self._states(odometry_row)
+            for (pose, twist), is_new, plan_path in product(states, is_new_choices, paths):
                 yield replace(
                     first_guess,
                     pose=pose,
@@ -388,6 +394,23 @@ class _Search:
                     is_cleared=is_cleared,
                 )
 
+    def _states(self, odometry_row: int) -> Iterator[Tuple[Pose, Command]]:
+        """Yield the poses and velocities that the planner may have been given, each pair once."""
+        known_states = set()
+        for twist_lag, pose_shift in product(LAGS, POSE_SHIFTS):
+            twist_row = odometry_row - twist_lag
+            pose_row = twist_row + pose_shift
+            if min(twist_row, pose_row) < 0:
+                continue
+            if max(twist_row, pose_row) >= len(self._recording.odometry):
+                continue
+            pose, _ = self._recording.measured(pose_row)
+            _, twist = self._recording.measured(twist_row)
+            # A robot that stands repeats its messages.
+            if (pose, twist) not in known_states:
+                known_states.add((pose, twist))
+                yield pose, twist
+
     def _paths(self, first_guess: ReplayedCycle) -> List[np.ndarray]:
         """Return the plan of a cycle, and the one before it if either may have been followed."""
         plans = self._recording.plans
@@ -397,17 +420,35 @@ class _Search:
         return [first_guess.plan]
 
     def _maps(
-        self, first_guess: ReplayedCycle, may_be_cleared: bool
-    ) -> List[Tuple[MapSnapshot, bool]]:
-        """Return the map before a cycle, and whether it is cleared.
+        self, first_guess: ReplayedCycle, odometry_row: int, may_be_cleared: bool
+    ) -> Iterator[Tuple[MapSnapshot, bool]]:
+        """Yield the maps that the planner may have seen, each once, and whether they were cleared.
 
-        If it may have been cleared since the cycle before, the cleared map comes first.
+        If the map may have been cleared since the cycle before, the cleared one comes first.
         """
-        map_before = first_guess.map
-        if not may_be_cleared:
-            return [(map_before, False)]
-        cleared_map = self._planner.cleared(map_before, first_guess.settings)
-        return [(cleared_map, True), (map_before, False)]
+        settings = first_guess.settings
+        maps_before = [(first_guess.map, False)]
+        if may_be_cleared:
+            maps_before.insert(0, (self._planner.cleared(first_guess.map, settings), True))
+        known_maps: List[MapSnapshot] = []
+        for (map_before, is_cleared), (scan_age, odometry_age) in product(maps_before, UPDATES):
+            if first_guess.scan < (scan_age or 0) or odometry_row < odometry_age:
+                continue
+            map_shown = map_before
+            if scan_age is not None:
+                robot_pose, _ = self._recording.measured(odometry_row - odometry_age)
+                scan = self._recording.scan(first_guess.scan - scan_age)
+                cloud = self._planner.cloud(scan)
+                map_shown = self._planner.updated(map_before, settings, robot_pose, cloud)
+            # Where the robot stands, one update is like the other.
+            if not any(_are_equal(map_shown, known_map) for known_map in known_maps):
+                known_maps.append(map_shown)
+                yield map_shown, is_cleared
+
+
+def _are_equal(first: MapSnapshot, second: MapSnapshot) -> bool:
+    """Return whether two maps have the same place and cells."""
+    return all(map(np.array_equal, first, second))
 
 
 def _difference(command: Command, other: Command) -> float:
