@@ -17,11 +17,11 @@ from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings, send
 from applr_ros1.planner.plan_cut import half_size
 from applr_ros1.robots import Robot
-from training.env.episode import counting_cells
 
 # Local costmap, to be restored: origin, cells, and the cells of each obstacle layer
 MapSnapshot = Tuple[np.ndarray, ...]
