@@ -18,8 +18,8 @@ from applr_ros1.drives.drive import (
     Scans,
 )
 from applr_ros1.drives.ending import MeasuredSlip
+from applr_ros1.why.recording import Replayable
 from tests.support.drives import driven
-from training.why.recording import Replayable
 
 
 class WithDistances(NamedTuple):

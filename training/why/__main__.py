@@ -22,17 +22,20 @@ from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
 from applr_ros1.policy import methods
+from applr_ros1.why.diagnosis import diagnose
+from applr_ros1.why.replay import Replay, Watch, replay_of
+from applr_ros1.why.rerun import RerunPlanner
 from training.common.command_line import parsed
 from training.common.options import argument, option
 
 with extra(__name__):
     from training.bags.read import bags_in
-    from training.why.answer import lines_of, values_of
-    from training.why.diagnosis import compared, diagnose
+    from training.why.answer import Answer, lines_of
+    from training.why.comparison import compared
     from training.why.recorded import RecordedOptions, recording_of
-    from training.why.replay import Replay, Watch, replay_of
-    from training.why.rerun import RerunPlanner
+    from training.why.remedies import driven_trials
     from training.why.seen_world import seen_grid, write_map
+    from training.why.values import values_of
     from training.workers.pool import Pool
 
 REPLAYED = (
@@ -82,18 +85,19 @@ def run(options: WhyOptions) -> None:
     if options.map:
         write_map(seen_grid(first_replay.recording), options.map)
     if options.quick:
-        diagnosis = diagnose(first_replay, options.at)
+        answer = Answer(diagnose(first_replay, options.at))
     else:
         with Pool(options.workers) as pool:
-            diagnosis = diagnose(first_replay, options.at, pool)
+            diagnosis = diagnose(first_replay, options.at)
+            answer = Answer(diagnosis, driven_trials(diagnosis, pool))
 
-    lines = lines_of(diagnosis)
+    lines = lines_of(answer)
     for other_replay in other_replays:
         lines += compared(first_replay, other_replay)
-    answer_values = {**values_of(diagnosis), "lines": lines}
+    answer_values = {**values_of(answer), "lines": lines}
     print(json.dumps(answer_values) if options.json_ else "\n".join(lines))
     if options.out:
-        driven_notes = [DRIVEN] if diagnosis.trials is not None else []
+        driven_notes = [DRIVEN] if answer.trials is not None else []
         page = Page(
             kind=f"why · {first_replay.drive.name}",
             title="Why did the robot stop or slow down?",

@@ -10,13 +10,13 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.robots import Robot
+from applr_ros1.why.fitting import fitted, other_robot
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.rerun import RerunPlanner
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.read import read, refused, topics_in
 from training.bags.topics import BagOptions, TopicNames
 from training.common.options import option
-from training.why.fitting import fitted, other_robot
-from training.why.recording import Recording
-from training.why.rerun import RerunPlanner
 
 CHANNELS = (
     "scans",

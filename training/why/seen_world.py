@@ -16,7 +16,7 @@ from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.files import write_bytes
 from applr_ros1.drives.drive import Motion, Scans
 from applr_ros1.robots import Robot
-from training.why.recording import Recording
+from applr_ros1.why.recording import Recording
 from worlds import Course, World
 from worlds.map_reader import FREE, OCCUPIED, boxes
 from worlds.world import NO_CIRCLE_M, Grid

@@ -10,18 +10,18 @@ import pytest
 from applr_ros1.common.angles import compose, inverse, quaternion_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
+from applr_ros1.drives.frames import Tree
 from applr_ros1.robots import JACKAL
+from applr_ros1.why import fitting
+from applr_ros1.why.fitting import followed_plans, plans_of
+from applr_ros1.why.replay import replay_of
+from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
 from training.bags.paths import path_of
 from training.bags.read import BagError, read
 from training.bags.topics import CHANNELS, Maker, TopicNames
-from training.bags.transforms import Tree
 from training.bags.write import BagWriter, write
-from training.why import fitting
-from training.why.fitting import followed_plans, plans_of
 from training.why.recorded import RecordedOptions, recording_of
-from training.why.replay import replay_of
-from training.why.rerun import RerunPlanner
 
 PLANNER = RerunPlanner(JACKAL)
 

@@ -13,19 +13,21 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.why import diagnosis
+from applr_ros1.why.events import Event
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
 from training.robot.open_floor import courses
-from training.why import answer, diagnosis, whole_drives
+from training.robot.single_changes import single_candidates
+from training.why import answer, remedies, whole_drives
+from training.why.answer import Answer
 from training.why.candidates import (
     Candidate,
     file_candidates,
     recorded_changes,
-    single_candidates,
     with_changes,
 )
-from training.why.events import Event
-from training.why.recording import Recording
-from training.why.replay import replay_of
 from training.why.seen_world import seen_grid, seen_world, write_map
 from training.why.whole_drives import Arrival, Course, Trials, Tried, try_out
 from training.workers.pool import Pool
@@ -375,13 +377,13 @@ def test_a_guess_that_goes_far_is_also_tried_by_a_factor_of_two(replayed):
         return SimpleNamespace(change=change)
 
     # These guesses change the parameter by a factor of 40.
-    (mild,) = diagnosis.milder(replayed, guess(0.4, 0.01))
+    (mild,) = remedies.milder(replayed, guess(0.4, 0.01))
     assert mild.changes == (Change(PLANNER, "occdist_scale", 0.4, 0.2),)
-    (mild,) = diagnosis.milder(replayed, guess(0.01, 0.4))
+    (mild,) = remedies.milder(replayed, guess(0.01, 0.4))
     assert mild.changes[0].after == 0.02
 
     # One by a factor of 4 is mild already.
-    assert diagnosis.milder(replayed, guess(0.4, 0.1)) == []
+    assert remedies.milder(replayed, guess(0.4, 0.1)) == []
 
 
 def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
@@ -427,15 +429,10 @@ def replayed(door):
 
 
 def diagnosed(replay, trials=None, guesses=()):
-    """Return a diagnosis of a replay with one event, at the door."""
+    """Return the answer for a replay with one event, at the door."""
     event = Event("stood", begin=3.0, end=9.0, place=(0.0, 0.3), reason="a reason")
-    return diagnosis.Diagnosis(
-        replay,
-        [event],
-        explained=[[]],
-        guesses=list(guesses),
-        trials=trials,
-    )
+    found = diagnosis.Diagnosis(replay, [event], explained=[[]], guesses=list(guesses))
+    return Answer(found, trials)
 
 
 def tried(candidate, *seconds, limit=25.0):
@@ -498,20 +495,20 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
 
 
 def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
-    short_diagnosis = diagnosed(replayed)
-    (event,) = short_diagnosis.events
+    short_answer = diagnosed(replayed)
+    (event,) = short_answer.diagnosis.events
     event.end = event.begin + 0.1
     line = "No change was tried: the robot lost little time."
-    assert answer.advice(short_diagnosis) == [line]
+    assert answer.advice(short_answer) == [line]
     # A moment that somebody asks about is short, too.
     event.kind = diagnosis.ASKED
-    assert answer.advice(short_diagnosis) == []
+    assert answer.advice(short_answer) == []
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
     trials = Trials(tried(None, 12.0), None, [])
     far_away = diagnosed(replayed, trials)
-    far_away.events[0].place = (4.0, 4.0)
+    far_away.diagnosis.events[0].place = (4.0, 4.0)
     assert "the robot does not stop there." in answer.how_sure(far_away)
 
 
@@ -527,14 +524,14 @@ def test_a_doubtful_replay_is_called_so(replayed):
 
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
     drive, world = door
-    assert diagnosis.goal_of(drive) == pytest.approx(world.course.goal)
+    assert Recording.of(drive, JACKAL).goal == pytest.approx(world.course.goal)
 
 
 def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     replayed, monkeypatch
 ):
     limits = []
-    monkeypatch.setattr(diagnosis, "try_out", lambda course, *rest: limits.append(course.limit))
+    monkeypatch.setattr(remedies, "try_out", lambda course, *rest: limits.append(course.limit))
     drive = replayed.drive
     x, y, _ = drive.odometry.pose[-1]
     # The drive ended 3 m before the end of its route, and then 1 m before it, as good as there.
@@ -544,7 +541,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
         routes = replace(drive.routes, path=[path] * len(drive.routes))
         replay = replay_of(Recording.of(replace(drive, routes=routes), replayed.robot))
         with Pool(0) as pool:
-            diagnosis.diagnose(replay, None, pool)
+            remedies.driven_trials(diagnosis.diagnose(replay), pool)
 
     limit_on_its_way, limit_at_its_goal = limits
     assert limit_on_its_way == whole_drives.LONGEST_LIMIT_S

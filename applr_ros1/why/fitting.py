@@ -16,15 +16,15 @@ import numpy as np
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
+from applr_ros1.drives.clocks import APART_S, clocks_differ, one_clock, scans_apart, stamped_later
 from applr_ros1.drives.drive import Commands, Drive, Measured, Motion, Plans, Scans, nearest_rows
+from applr_ros1.drives.frames import Link, Placement, Tree
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.planner.plan_cut import cut_plan, transformed
 from applr_ros1.robots import Robot
-from training.bags.clocks import APART_S, clocks_differ, one_clock, scans_apart, stamped_later
-from training.bags.transforms import Link, Placement, Tree
-from training.why.recording import Recording
-from training.why.rerun import RerunPlanner
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.rerun import RerunPlanner
 
 # Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
 POSE_OFF_M = 0.02

@@ -14,9 +14,9 @@ from applr_ros1.common.paths import distances
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots.check import crossed_limits
-from training.why.events import SLOW
-from training.why.replay import Replay, ReplayedCycle
-from training.why.rerun import Asked, LocalMap, RerunPlanner, Said, arc
+from applr_ros1.why.events import SLOW
+from applr_ros1.why.replay import Replay, ReplayedCycle
+from applr_ros1.why.rerun import Asked, LocalMap, RerunPlanner, Said, arc
 
 # A sample drives on if it is at least SLOW, or nearly the fastest sample if this is slower.
 FASTEST = 0.95

@@ -28,7 +28,6 @@ from typing import (
 )
 
 import numpy as np
-from typing_extensions import override
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.scan import PointCloud
@@ -37,9 +36,9 @@ from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
-from training.why.events import Limits
-from training.why.recording import Recording
-from training.why.rerun import Ahead, Asked, MapSnapshot, Memory, RerunPlanner, Said
+from applr_ros1.why.events import Limits
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.rerun import Ahead, Asked, MapSnapshot, Memory, RerunPlanner, Said
 
 # Reasons why a command is no cycle of the local planner
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
@@ -167,7 +166,6 @@ class Replay:
         """Share of the local planner's commands that are reproduced."""
         return self.reproduced / len(self.cycles)
 
-    @override
     def __str__(self) -> str:
         summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
@@ -344,7 +342,7 @@ class _Search:
         self._recording = recording
         self._planner = planner
         self._cycle_count = 0
-        self._answer_count = 0
+        self._run_count = 0
         self.cut_short = 0
 
     def reproduced(
@@ -356,17 +354,17 @@ class _Search:
         """
         choices = self._choices(first_guess, odometry_row, may_be_cleared)
         self._cycle_count += 1
-        if self._answer_count > max(HEAD_START, PATIENCE * self._cycle_count):
+        if self._run_count > max(HEAD_START, PATIENCE * self._cycle_count):
             self.cut_short += 1
             choices = islice(choices, LIKELY)
         first_choice = next(choices)
         least_error = np.inf
         for choice in chain([first_choice], choices):
-            self._answer_count += 1
-            answer = self._planner.answer(choice)
-            error = _difference(answer.command, choice.command)
+            self._run_count += 1
+            result = self._planner.run(choice)
+            error = _difference(result.command, choice.command)
             if error < EQUAL:
-                return replace(choice, error=error), answer.memory
+                return replace(choice, error=error), result.memory
             least_error = min(least_error, error)
         # The robot did what was recorded, whatever the replay would have done.
         memory = self._planner.followed(first_choice, first_choice.command)

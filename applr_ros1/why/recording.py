@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.robots import Robot
+
+NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
 
 
 class Replayable(NamedTuple):
@@ -86,3 +88,34 @@ class Recording:
             sensor_pose=compose(robot_pose, self.laser_pose),
             sensor_height=self.robot.laser.height,
         )
+
+    @property
+    def goal(self) -> Optional[Pose]:
+        """Last goal (x, y, yaw) [m, m, rad] in the odometry frame, or None if it is unknown."""
+        drive = self.drive
+        if drive.routes is not None:
+            route_ends = _ends(drive.routes)
+            if route_ends:
+                return route_ends[-1]
+        plan_ends = _ends(self.plans)
+        if plan_ends:
+            # The followed part of a plan ends at the goal only near it.
+            end_x, end_y, _ = plan_ends[-1]
+            x, y, _ = self.odometry.pose[-1].tolist()
+            if np.hypot(end_x - x, end_y - y) <= NEAR_GOAL_M:
+                return plan_ends[-1]
+        # Goals are sent in any frame, often that of a map.
+        for sent in reversed(drive.sent):
+            if sent.frame == drive.frame:
+                return sent.pose
+        return None
+
+
+def _ends(plans: Plans) -> List[Pose]:
+    """Return the last poses of the plans that have poses."""
+    ends = []
+    for plan_path in plans.path:
+        if len(plan_path):
+            x, y, yaw = plan_path[-1].tolist()
+            ends.append((x, y, yaw))
+    return ends

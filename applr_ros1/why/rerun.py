@@ -62,7 +62,7 @@ class Asked:
     settings: Settings
 
 
-class Answer(NamedTuple):
+class CycleResult(NamedTuple):
     """Command v [m/s], w [rad/s] of a cycle, and the memory after it."""
 
     command: Command
@@ -257,10 +257,10 @@ class RerunPlanner:
         return self._remembered()
 
     # -- cycles ------------------------------------------------------------------------------------
-    def answer(self, asked: Asked) -> Answer:
+    def run(self, asked: Asked) -> CycleResult:
         """Return what the planner does in a cycle."""
-        command = self._run(asked)
-        return Answer(command, self._memory())
+        command = self._command(asked)
+        return CycleResult(command, self._memory())
 
     def clears_flags(self, asked: Asked) -> bool:
         """Return whether the plan of a cycle, if it is new, clears flags of the planner."""
@@ -277,7 +277,7 @@ class RerunPlanner:
 
     def said(self, asked: Asked) -> Said:
         """Return what the planner says in a cycle, with all that it compares."""
-        command = self._run(asked)
+        command = self._command(asked)
         velocities, costs, cost_parts = self._local.planner.sample_costs(self._costmap, command)
         x, y, _, _, trajectory_costs = self._local.trajectory_cloud(self._costmap).T
         return Said(
@@ -309,7 +309,7 @@ class RerunPlanner:
         return Ahead(np.array(poses)[:, :2], self._map().lethal_points)
 
     # -- state of the MoveBase, which each question sets anew --------------------------------------
-    def _run(self, asked: Asked) -> Command:
+    def _command(self, asked: Asked) -> Command:
         self._put_in_force(asked.settings)
         self._show(asked.map)
         self._take(asked)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Iterator, List, NamedTuple, Tuple
 
 import numpy as np
-from typing_extensions import override
 
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Located, Motion
-from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
+from applr_ros1.why.stretch import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
 # Shares of the top speed below which a robot creeps, and is slow.
 CREEPS = 0.25
@@ -79,7 +78,6 @@ class Event:
         """Duration [s]."""
         return self.end - self.begin
 
-    @override
     def __str__(self) -> str:
         x, y = self.place
         return f"{self.begin:.1f} to {self.end:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"

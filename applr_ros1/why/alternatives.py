@@ -12,19 +12,18 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
-from training.why.candidates import LEAST_CHANGE
-from training.why.replay import Replay, ReplayedCycle
+from applr_ros1.why.replay import Replay, ReplayedCycle
 
 AHEAD = 40  # number of control cycles for which the planner drives on
 FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
 FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
+LEAST_CHANGE = 0.1  # smallest relative change that is tried
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
 # Parameters that are not tried
@@ -101,7 +100,6 @@ class Alternative:
         is_away = self.change.leads_away(self.default)
         return is_away, -_distance(before, self.default), _distance(before, after)
 
-    @override
     def __str__(self) -> str:
         speeds = f"{self.before.speed:.2f} -> {self.after.speed:.2f} m/s along the plan"
         clearances = f"{self.before.clearance:.2f} -> {self.after.clearance:.2f} m from obstacles"
