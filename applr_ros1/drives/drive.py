@@ -340,6 +340,15 @@ class Drive:
     source: Dict[str, Any] = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
 
+    @property
+    def end(self) -> float:
+        """Time of the last scan, odometry or command [s]."""
+        latest_time = 0.0
+        for rows in (self.odometry, self.scans, self.planned, self.commands):
+            if rows is not None and len(rows):
+                latest_time = max(latest_time, float(rows.time[-1]))
+        return latest_time
+
     def pack(self) -> bytes:
         """Return the driven path as npz.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -17,8 +17,14 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
-from applr_ros1.why.replay import Replay, ReplayedCycle
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
+# Alternatives drive on from so many cycles of all events, and at least so many of each event.
+CYCLES = 8
+LEAST = 3
+LEAD_S = 2.0  # time before an event from which these cycles begin: the way into it shows most [s]
+EARLY = 2.0  # how much early ones among them are preferred, see some()
 AHEAD = 40  # number of control cycles for which the planner drives on
 FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
 FEW = 2  # step between the cycles from which a value is tried first
@@ -113,6 +119,35 @@ def _distance(a: float, b: float) -> float:
     if a * b > 0:
         return abs(math.log(a / b))
     return abs(a - b)
+
+
+def guesses_of(diagnosis: Diagnosis) -> List[Alternative]:
+    """Return alternatives, those with which the planner drives on fastest first."""
+    # No parameter helps a robot that stops for a part of itself.
+    if diagnosis.part is not None:
+        return []
+    replay = diagnosis.replay
+    cycle_counts = []
+    cycles_of_events: Set[int] = set()
+    for event in diagnosis.events:
+        cycles = replay.between(event.begin, event.end)
+        cycle_counts.append(len(cycles))
+        cycles_of_events.update(map(id, cycles))
+    cycle_total = sum(cycle_counts)
+    if not cycle_total:
+        return []
+    other_cycles = []
+    for cycle in replay.cycles:
+        if id(cycle) not in cycles_of_events:
+            other_cycles.append(cycle)
+
+    # Longer events count more, but each of them a little.
+    tried_from: List[ReplayedCycle] = []
+    for event, cycle_count in zip(diagnosis.events, cycle_counts):
+        time_share = cycle_count / cycle_total
+        cycles_with_lead = replay.between(event.begin - LEAD_S, event.end)
+        tried_from += some(cycles_with_lead, max(LEAST, round(CYCLES * time_share)), EARLY)
+    return best_changes(replay, changes_to_try(replay), tried_from, some(other_cycles, CYCLES))
 
 
 def changes_to_try(replay: Replay) -> List[Change]:

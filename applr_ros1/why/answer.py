@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Iterable, List, Optional
+from typing import Any, Iterable, List, Optional, Sequence
 
 import numpy as np
 
@@ -50,14 +50,11 @@ def sentence(event: Event) -> str:
     return f"{event}, because {event.reason}."
 
 
-def guess_of(diagnosis: Diagnosis) -> Optional[Alternative]:
-    """Return what the replay ranks first, or None if it gains too little."""
-    if not diagnosis.guesses:
+def best_guess(guesses: Sequence[Alternative], top_speed: float) -> Optional[Alternative]:
+    """Return the first of the guesses, or None if it gains too little of the top speed [m/s]."""
+    if not guesses or guesses[0].gain < GUESS_SHARE * top_speed:
         return None
-    first_guess = diagnosis.guesses[0]
-    if first_guess.gain < GUESS_SHARE * diagnosis.replay.top_speed:
-        return None
-    return first_guess
+    return guesses[0]
 
 
 def certainty_of(replay: Replay) -> str:

@@ -5,26 +5,21 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo, transform_point
-from applr_ros1.common.paths import distances
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots.check import crossed_limits
 from applr_ros1.why.events import SLOW
+from applr_ros1.why.moment import NEAR_M, Moment, Obstacle
 from applr_ros1.why.replay import Replay, ReplayedCycle
-from applr_ros1.why.rerun import Asked, LocalMap, RerunPlanner, Said, arc
+from applr_ros1.why.rerun import RerunPlanner
 
-# A sample drives on if it is at least SLOW, or nearly the fastest sample if this is slower.
-FASTEST = 0.95
 SAMPLES = 12  # number of samples in a table
-STEP_S = 0.1  # interval between the poses at which an illegal sample is checked [s]
-NEAR_M = 0.1  # distance from an obstacle cell within which a point of a scan shows it [m]
 PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
-BACK = np.pi / 2  # angle between plan and heading from which on the plan leads back [rad]
 # A part of the robot stays beside it in this share of the scans, at so many headings or more.
 CARRIED = 0.9
 HEADINGS = 5
@@ -94,99 +89,70 @@ class Explanation:
         return asdict(self)
 
 
-class Compared(NamedTuple):
-    """Velocities that the planner compared in a cycle, by whether they drive on.
-
-    Attributes:
-        velocities: (n, 2) v [m/s], w [rad/s].
-        costs: (n,) costs; negative for illegal samples.
-        parts: Parts (n,) of the costs by name.
-        drives_on: (n,) whether a sample is fast enough to drive on.
-        winner: Row of the command.
-    """
-
-    velocities: np.ndarray
-    costs: np.ndarray
-    parts: Dict[str, np.ndarray]
-    drives_on: np.ndarray
-    winner: int
-
-    @property
-    def best(self) -> Optional[int]:
-        """Row of the cheapest legal sample that drives on, or None."""
-        legal_rows = np.flatnonzero(self.drives_on & (self.costs >= 0))
-        if not len(legal_rows):
-            return None
-        cheapest_index = self.costs[legal_rows].argmin()
-        return int(legal_rows[cheapest_index])
-
-    def in_words(self, row: int) -> str:
-        """Return a velocity for people."""
-        v, w = self.velocities[row]
-        return f"({v:.2f} m/s, {w:.2f} rad/s)"
-
-
 def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
     """Return what kept the robot from driving on in a cycle."""
-    said = replay.at(cycle)
-    values = cycle.settings[replay.planner.name]
-    samples = compared(said, values["max_vel_x"])
+    moment = replay.at(cycle)
     explanation = Explanation(cycle.at, cycle.pose)
+    crossing = _crossing(replay.planner.name, moment.values)
+    obstacle: Optional[Obstacle] = None
+    illegal_rows = moment.illegal_rows
+    if len(illegal_rows) and not crossing:
+        obstacle = moment.obstacle_of(_straightest(moment))
+    leads_back = moment.leads_back(PLAN_AHEAD_M * replay.robot.world_scale)
 
     # What kept the planner from a sample that drives on
-    if samples.drives_on[samples.winner]:
-        explanation.words = _nothing_faster(samples, values)
-        explanation.lines.append(f"The planner drives on {samples.in_words(samples.winner)}.")
-    elif samples.best is not None:
-        _explain_outbid(explanation, samples, samples.best, values)
-    crossing = _crossing(replay.planner.name, values)
-    if (samples.drives_on & (samples.costs < 0)).any():
-        scan_points = replay.cloud(cycle.scan).points[:, :2]
-        _explain_illegal(explanation, samples, said.map, values, crossing, scan_points)
+    drives_on = bool(moment.drives_on[moment.winner])
+    if drives_on:
+        explanation.words = _nothing_faster(moment)
+        explanation.lines.append(f"The planner drives on {_in_words(moment, moment.winner)}.")
+    elif moment.best is not None:
+        _explain_outbid(explanation, moment, moment.best)
+    if len(illegal_rows):
+        _explain_illegal(explanation, moment, crossing, obstacle)
     # Without straight commands, turns are all that is compared.
-    if crossing and not samples.drives_on[samples.winner]:
+    if crossing and not drives_on:
         explanation.words = f"every straight way is refused, as {crossing}"
     # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
-    elif leads_back(cycle, PLAN_AHEAD_M * replay.robot.world_scale):
+    elif leads_back:
         explanation.words = "the plan leads back, behind the robot"
 
     # What the page shows
-    explanation.points = said.trajectory_points.round(2).tolist()
-    explanation.table = _table(samples)
-    if samples.best is not None:
+    explanation.points = moment.trajectory_points.round(2).tolist()
+    explanation.table = _table(moment)
+    if moment.best is not None:
         # The command comes first, so that the sample follows it, or is the command itself.
-        explanation.driving = 1 if samples.best == samples.winner else 2
+        explanation.driving = 1 if moment.best == moment.winner else 2
     explanation.plan = cycle.plan[:, :2].round(2).tolist()
     return explanation
 
 
-def compared(said: Said, top_speed: float) -> Compared:
-    """Return what the planner compared in a cycle, with a top speed [m/s] of the robot."""
-    velocities, costs, cost_parts = said.samples
-    fastest_speed = velocities[:, 0].max()
-    drives_on = velocities[:, 0] >= min(SLOW * top_speed, FASTEST * fastest_speed)
-    # The command is one of the samples, or was rounded a little.
-    differences = np.abs(velocities - said.command).sum(axis=1)
-    winner = int(differences.argmin())
-    return Compared(velocities, costs, cost_parts, drives_on, winner)
+def _straightest(moment: Moment) -> int:
+    """Return the row of the illegal sample that turns least among those that drive on."""
+    turn_rates = np.abs(moment.samples.velocities[moment.illegal_rows, 1])
+    return int(moment.illegal_rows[turn_rates.argmin()])
 
 
-def _nothing_faster(samples: Compared, values: Mapping[str, Any]) -> str:
+def _in_words(moment: Moment, row: int) -> str:
+    """Return the velocity of a sample for people."""
+    v, w = moment.samples.velocities[row]
+    return f"({v:.2f} m/s, {w:.2f} rad/s)"
+
+
+def _nothing_faster(moment: Moment) -> str:
     """Return that even the fastest sample is slow, or ""."""
-    fastest_speed = float(samples.velocities[:, 0].max())
+    values = moment.values
+    fastest_speed = float(moment.samples.velocities[:, 0].max())
     if fastest_speed >= SLOW * values["max_vel_x"]:
         return ""
     limits = f"vx_samples {values['vx_samples']:g}, acc_lim_x {values['acc_lim_x']:g}"
     return f"no faster way is sampled than {fastest_speed:.2f} m/s ({limits})"
 
 
-def _explain_outbid(
-    explanation: Explanation, samples: Compared, best: int, values: Mapping[str, Any]
-) -> None:
+def _explain_outbid(explanation: Explanation, moment: Moment, best: int) -> None:
     """Add why the cheapest sample that drives on was not chosen."""
-    costs = samples.costs
-    winner = samples.winner
-    driving = f"Driving on {samples.in_words(best)}"
+    costs = moment.samples.costs
+    winner = moment.winner
+    driving = f"Driving on {_in_words(moment, best)}"
     # A planner that had compared both would have taken the cheaper one.
     if not 0.0 <= costs[winner] <= costs[best]:
         explanation.words = (
@@ -197,68 +163,59 @@ def _explain_outbid(
         return
     # The part of the costs that sets the two samples apart most is the reason.
     cost_gaps = {}
-    for cost_name, cost_part in samples.parts.items():
+    for cost_name, cost_part in moment.samples.parts.items():
         cost_gaps[cost_name] = cost_part[best] - cost_part[winner]
     cost_name = max(cost_gaps, key=lambda part: cost_gaps[part])
     parameter, objection = OBJECTIONS[cost_name]
     weight = parameter
-    if parameter in values:
-        weight = f"{parameter} {values[parameter]:g}"
+    if parameter in moment.values:
+        weight = f"{parameter} {moment.values[parameter]:g}"
     explanation.words = f"every faster way {objection.format(weight)}"
-    cost_part = samples.parts[cost_name]
+    cost_part = moment.samples.parts[cost_name]
     explanation.lines.append(
         f"{driving} costs {costs[best]:.1f}, "
-        f"the command {samples.in_words(winner)} {costs[winner]:.1f}: "
+        f"the command {_in_words(moment, winner)} {costs[winner]:.1f}: "
         f"{weight} counts {cost_part[best]:.1f} against {cost_part[winner]:.1f}."
     )
 
 
 def _explain_illegal(
-    explanation: Explanation,
-    samples: Compared,
-    local_map: LocalMap,
-    values: Mapping[str, Any],
-    crossing: str,
-    scan_points: np.ndarray,
+    explanation: Explanation, moment: Moment, crossing: str, obstacle: Optional[Obstacle]
 ) -> None:
     """Add what refused the faster samples that are illegal, from the straightest one.
 
     Args:
         explanation: Explanation to add it to.
-        samples: What the planner compared.
-        local_map: Local costmap of the cycle.
-        values: Parameters of the planner.
+        moment: What the planner saw and said.
         crossing: Which limits leave no velocity to drive with, or "".
-        scan_points: (n, 2) points of the latest scan [m].
+        obstacle: What the straightest one meets, or None.
     """
-    illegal_rows = np.flatnonzero(samples.drives_on & (samples.costs < 0))
-    turn_rates = np.abs(samples.velocities[illegal_rows, 1])
-    straightest_row = int(illegal_rows[turn_rates.argmin()])
+    straightest_row = _straightest(moment)
     # No place and no plan would make a difference to crossed limits.
     if crossing:
         objection = f"is refused, as {crossing}"
+    elif obstacle is not None:
+        explanation.obstacle = list(obstacle.place)
+        source = "the latest scan" if obstacle.is_in_scan else "earlier scans"
+        objection = f"meets the obstacle {beside(obstacle.ahead, obstacle.left)}, from {source}"
     else:
-        v, w = samples.velocities[straightest_row].tolist()
-        explanation.obstacle = _obstacle(local_map, explanation.pose, v, w, values["sim_time"])
-        if explanation.obstacle:
-            place = _place(explanation.pose, explanation.obstacle, scan_points)
-            objection = f"meets {place}"
-        else:
-            objection = _refusal(samples, straightest_row, values)
-    faster_count = int(samples.drives_on.sum())
-    if len(illegal_rows) == faster_count and not samples.drives_on[samples.winner]:
+        objection = _refusal(moment, straightest_row)
+    illegal_count = len(moment.illegal_rows)
+    faster_count = int(moment.drives_on.sum())
+    if illegal_count == faster_count and not moment.drives_on[moment.winner]:
         explanation.words = f"every faster way {objection}"
         explanation.is_blocked = True
     explanation.lines.append(
-        f"{len(illegal_rows)} of {faster_count} faster samples are illegal; "
-        f"{samples.in_words(straightest_row)} {objection}."
+        f"{illegal_count} of {faster_count} faster samples are illegal; "
+        f"{_in_words(moment, straightest_row)} {objection}."
     )
 
 
-def _refusal(samples: Compared, row: int, values: Mapping[str, Any]) -> str:
+def _refusal(moment: Moment, row: int) -> str:
     """Return why a sample is illegal that meets no obstacle."""
-    v, _ = samples.velocities[row].tolist()
-    for critic, critic_costs in samples.parts.items():
+    values = moment.values
+    v, _ = moment.samples.velocities[row].tolist()
+    for critic, critic_costs in moment.samples.parts.items():
         if critic_costs[row] < 0:
             return f"is refused by the critic {critic}"
     # DWAPlannerROS scores no samples beyond its limits of the speed.
@@ -281,16 +238,6 @@ def _crossing(planner: str, values: Mapping[str, Any]) -> str:
     return ""
 
 
-def _place(pose: Pose, obstacle: Sequence[float], scan_points: np.ndarray) -> str:
-    """Return in words where an obstacle cell is, and which scan shows it."""
-    distance_ahead, distance_left = transform_point(inverse(pose), *obstacle)
-    point_distances = distances(scan_points, np.array(obstacle))
-    # What the latest scan does not show stays in the map until a beam clears it.
-    is_in_scan = point_distances.min(initial=np.inf) < NEAR_M
-    source = "the latest scan" if is_in_scan else "earlier scans"
-    return f"the obstacle {beside(distance_ahead, distance_left)}, from {source}"
-
-
 def beside(ahead: float, left: float, digits: int = 2) -> str:
     """Return in words where a point (x ahead, y left) [m] of the robot's frame is."""
     front_or_back = "ahead" if ahead >= 0.0 else "behind"
@@ -298,36 +245,18 @@ def beside(ahead: float, left: float, digits: int = 2) -> str:
     return f"{abs(ahead):.{digits}f} m {front_or_back} and {abs(left):.{digits}f} m to the {side}"
 
 
-def _table(samples: Compared) -> List[List[Any]]:
+def _table(moment: Moment) -> List[List[Any]]:
     """Return names and rows of the command, the cheapest sample that drives on, and others."""
-    columns = [samples.velocities, samples.costs, *samples.parts.values()]
-    rows = np.column_stack(columns).round(2)
-    rows_by_cost = samples.costs.argsort()
-    cheapest_rows = rows_by_cost[samples.costs[rows_by_cost] >= 0].tolist()
-    shown_rows = [samples.winner]
-    if samples.best is not None:
-        shown_rows.append(samples.best)
+    velocities, costs, parts = moment.samples
+    rows = np.column_stack([velocities, costs, *parts.values()]).round(2)
+    rows_by_cost = costs.argsort()
+    cheapest_rows = rows_by_cost[costs[rows_by_cost] >= 0].tolist()
+    shown_rows = [moment.winner]
+    if moment.best is not None:
+        shown_rows.append(moment.best)
     shown_rows += cheapest_rows[:SAMPLES]
     distinct_rows = list(dict.fromkeys(shown_rows))
-    return [["v", "w", "cost", *samples.parts], *rows[distinct_rows].tolist()]
-
-
-def leads_back(cycle: Asked, lookahead: float) -> bool:
-    """Return whether the plan begins by more than a right angle off the robot's heading.
-
-    The point of the plan at `lookahead` [m] from the robot shows where it leads.
-    """
-    x, y, yaw = cycle.pose
-    points = cycle.plan[:, :2]
-    from_robot = distances(points, np.array([x, y]))
-    # The first point at some distance shows the way: those beside the robot lie anywhere.
-    first_point = int(from_robot.argmin())
-    rows_beyond = np.flatnonzero(from_robot[first_point:] >= lookahead)
-    if not len(rows_beyond):
-        return False
-    dx, dy = points[first_point + rows_beyond[0]] - (x, y)
-    angle = float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))
-    return abs(angle) > BACK
+    return [["v", "w", "cost", *parts], *rows[distinct_rows].tolist()]
 
 
 def at_goal(planner: RerunPlanner, settings: Settings) -> str:
@@ -391,29 +320,3 @@ def _distinct_headings(cycles: Sequence[ReplayedCycle]) -> List[ReplayedCycle]:
             distinct_cycles.append(cycle)
             headings = np.append(headings, yaw)
     return distinct_cycles
-
-
-def _obstacle(
-    local_map: LocalMap, start: Pose, v: float, w: float, seconds: float
-) -> Optional[List[float]]:
-    """Return the lethal cell (x, y) [m] that the footprint meets first on its way, or None."""
-    lethal_points = local_map.lethal_points
-    if not len(lethal_points):
-        return None
-    for drive_time in np.arange(0.0, seconds, STEP_S):
-        pose = arc(start, v, w, drive_time)
-        if local_map.is_illegal(pose):
-            nearest = _nearest_to_footprint(local_map.footprint, pose, lethal_points)
-            cell: List[float] = lethal_points[nearest].round(3).tolist()
-            return cell
-    return None
-
-
-def _nearest_to_footprint(outline: np.ndarray, pose: Pose, points: np.ndarray) -> int:
-    """Return the index of the point (n, 2) [m] nearest to the box around a footprint at a pose."""
-    x, y = points.T
-    ahead_of_robot, left_of_robot = transform_point(inverse(pose), x, y)
-    in_robot_frame = np.column_stack([ahead_of_robot, left_of_robot])
-    # The point of the box that is nearest to each point
-    nearest_in_box = np.clip(in_robot_frame, outline.min(axis=0), outline.max(axis=0))
-    return int(distances(in_robot_frame, nearest_in_box).argmin())

@@ -21,7 +21,6 @@ from applr_ros1.why.stretch import (
     STILL_TURN,
     Stretch,
     durations,
-    last_time,
     latest_rows,
 )
 
@@ -68,7 +67,7 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     if rows is None or len(rows) < 2:
         return 0.0
     # A source that ends is silent until the end of the drive.
-    times = np.append(rows.time, max(rows.time[-1], last_time(stretch.drive)))
+    times = np.append(rows.time, max(rows.time[-1], stretch.drive.end))
     gaps = np.diff(times)
     usual_gap = float(np.median(gaps))
     is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual_gap)

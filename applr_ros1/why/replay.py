@@ -37,8 +37,9 @@ from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import Limits
+from applr_ros1.why.moment import Asked, MapSnapshot, Memory, Moment
 from applr_ros1.why.recording import Recording
-from applr_ros1.why.rerun import Ahead, Asked, MapSnapshot, Memory, RerunPlanner, Said
+from applr_ros1.why.rerun import Ahead, RerunPlanner
 
 # Reasons why a command is no cycle of the local planner
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
@@ -200,6 +201,7 @@ class Replay:
             turn=np.array(turn_rates),
             tolerance=self.planner.goal_tolerance,
             scale=self.robot.world_scale,
+            end=self.drive.end,
         )
 
     @property
@@ -211,9 +213,9 @@ class Replay:
         """Return the points of a scan in the odometry frame, as the local costmap takes them."""
         return self.planner.cloud(self.recording.scan(scan_row))
 
-    def at(self, cycle: Asked) -> Said:
-        """Return what the planner says in a cycle, of this replay or with other values."""
-        return self.planner.said(cycle)
+    def at(self, cycle: ReplayedCycle) -> Moment:
+        """Return what the planner saw and said in a cycle, of this replay or with other values."""
+        return self.planner.moment(cycle, self.cloud(cycle.scan).points[:, :2])
 
     def ahead(self, cycle: Asked, settings: Settings, cycle_count: int) -> Ahead:
         """Return how the robot would drive on from a cycle with other parameters.
@@ -329,6 +331,21 @@ def _plan(recording: Recording, at: float) -> Optional[np.ndarray]:
         if len(plan_path):
             return plan_path
     return None
+
+
+def some(cycles: Sequence[ReplayedCycle], count: int, power: float = 1.0) -> List[ReplayedCycle]:
+    """Return at most `count` cycles, only reproduced ones if there are any.
+
+    With a power of 1 they are evenly spread; a larger one prefers early cycles.
+    """
+    reproduced = [cycle for cycle in cycles if cycle.reproduced]
+    # A replay that reproduces nothing still shows what the planner may have weighed.
+    preferred = reproduced or list(cycles)
+    if not preferred:
+        return []
+    shares = np.linspace(0.0, 1.0, count) ** power
+    rows = (shares * (len(preferred) - 1)).round().astype(int)
+    return [preferred[row] for row in np.unique(rows)]
 
 
 class _Search:

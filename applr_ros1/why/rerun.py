@@ -5,16 +5,12 @@ A question holds all that the planner needs, so that questions may be asked in a
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.scan import LaserScan, PointCloud, observe
-from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
@@ -22,44 +18,7 @@ from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings, send
 from applr_ros1.planner.plan_cut import half_size
 from applr_ros1.robots import Robot
-
-# Local costmap, to be restored: origin, cells, and the cells of each obstacle layer
-MapSnapshot = Tuple[np.ndarray, ...]
-
-
-class Memory(NamedTuple):
-    """What a local planner keeps from cycle to cycle.
-
-    Attributes:
-        flags: Flags of the search, in the order of the planner's STATE.
-        is_turning: Whether it turns the robot to the goal's heading.
-    """
-
-    flags: List[float]
-    is_turning: bool = False
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What the local planner is given in a control cycle.
-
-    Attributes:
-        pose: Pose (x, y, yaw) [m, m, rad] of the robot in the odometry frame.
-        twist: Measured v [m/s], w [rad/s] of the robot.
-        plan: Plan (n, 3) that is followed, in the odometry frame.
-        map: Local costmap.
-        memory: Memory of the planner before the cycle.
-        is_new: Whether the plan is new, which may clear the flags.
-        settings: Parameters in force.
-    """
-
-    pose: Pose
-    twist: Command
-    plan: np.ndarray
-    map: MapSnapshot
-    memory: Memory
-    is_new: bool
-    settings: Settings
+from applr_ros1.why.moment import Asked, LocalMap, MapSnapshot, Memory, Moment, Samples, arc
 
 
 class CycleResult(NamedTuple):
@@ -67,74 +26,6 @@ class CycleResult(NamedTuple):
 
     command: Command
     memory: Memory
-
-
-class LocalMap(NamedTuple):
-    """Local costmap of a cycle in the odometry frame.
-
-    Attributes:
-        cells: (rows, columns) costs uint8.
-        origin: (2,) lower left corner x, y [m].
-        resolution: Edge of a cell [m].
-        footprint: (n, 2) vertices of the padded footprint in the robot's frame [m].
-    """
-
-    cells: np.ndarray
-    origin: np.ndarray
-    resolution: float
-    footprint: np.ndarray
-
-    @property
-    def lethal_points(self) -> np.ndarray:
-        """Centres (n, 2) [m] of the lethal cells."""
-        rows, columns = np.nonzero(self.cells == LETHAL)
-        centres = np.column_stack([columns, rows]) + 0.5
-        points: np.ndarray = self.origin + centres * self.resolution
-        return points
-
-    def is_illegal(self, pose: Pose) -> bool:
-        """Return whether the footprint at a pose meets an obstacle or what is unknown."""
-        x, y, yaw = pose
-        origin_x, origin_y = self.origin.tolist()
-        cost = footprints.footprint_cost(
-            self.cells,
-            origin_x,
-            origin_y,
-            self.resolution,
-            self.footprint,
-            (float(x), float(y), float(yaw)),
-        )
-        return bool(cost < 0)
-
-
-class Samples(NamedTuple):
-    """Velocities that the planner compares in a cycle.
-
-    Attributes:
-        velocities: (n, 2) v [m/s], w [rad/s].
-        costs: (n,) costs; negative for illegal samples.
-        parts: Parts (n,) of the costs by name.
-    """
-
-    velocities: np.ndarray
-    costs: np.ndarray
-    parts: Dict[str, np.ndarray]
-
-
-class Said(NamedTuple):
-    """What the planner said in a cycle, and the map on which it did.
-
-    Attributes:
-        command: Command v [m/s], w [rad/s].
-        samples: What it compared.
-        trajectory_points: (k, 3) points x, y [m] of legal trajectories, with their costs.
-        map: Local costmap.
-    """
-
-    command: Command
-    samples: Samples
-    trajectory_points: np.ndarray
-    map: LocalMap
 
 
 class Ahead(NamedTuple):
@@ -275,16 +166,24 @@ class RerunPlanner:
         self._local.planner.remember(asked.pose, *command)
         return self._memory()
 
-    def said(self, asked: Asked) -> Said:
-        """Return what the planner says in a cycle, with all that it compares."""
+    def moment(self, asked: Asked, scan_points: np.ndarray) -> Moment:
+        """Return what the planner says in a cycle, with all that it compares.
+
+        Args:
+            asked: What it is given.
+            scan_points: (n, 2) points of the latest scan in the odometry frame [m].
+        """
         command = self._command(asked)
         velocities, costs, cost_parts = self._local.planner.sample_costs(self._costmap, command)
         x, y, _, _, trajectory_costs = self._local.trajectory_cloud(self._costmap).T
-        return Said(
+        return Moment(
+            asked=asked,
+            values=asked.settings[self.name],
             command=command,
             samples=Samples(velocities, costs, cost_parts),
             trajectory_points=np.column_stack([x, y, trajectory_costs]),
             map=self._map(),
+            scan_points=scan_points,
         )
 
     def ahead(self, asked: Asked, settings: Settings, cycle_count: int) -> Ahead:
@@ -358,16 +257,3 @@ class RerunPlanner:
             resolution=self._costmap.resolution,
             footprint=self._costmap.footprint.copy(),
         )
-
-
-def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
-    """Return the pose after some time of driving with a constant command: v [m/s], w [rad/s].
-
-    The chord of a circular arc points into half of the turn.
-    """
-    turn = w * seconds
-    half_turn = 0.5 * turn
-    chord = v * seconds
-    if half_turn != 0.0:
-        chord *= math.sin(half_turn) / half_turn
-    return compose(pose, (chord * math.cos(half_turn), chord * math.sin(half_turn), turn))

@@ -63,15 +63,6 @@ def first_of(finders: Sequence[Finder], stretch: Stretch) -> str:
     return ""
 
 
-def last_time(drive: Drive) -> float:
-    """Return the time of the last message of a drive [s]."""
-    latest_time = 0.0
-    for rows in (drive.odometry, drive.scans, drive.planned, drive.commands):
-        if rows is not None and len(rows):
-            latest_time = max(latest_time, float(rows.time[-1]))
-    return latest_time
-
-
 def latest_rows(rows: Rows, times: np.ndarray) -> np.ndarray:
     """Return the indices of the latest rows at some times (n,) [s]; 0 before the first row."""
     rows_until = [rows.latest(time) for time in times]

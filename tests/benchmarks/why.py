@@ -26,6 +26,7 @@ from applr_ros1.drives.frames import Tree
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
+from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.fitting import plans_of
 from applr_ros1.why.recording import Recording
@@ -368,7 +369,8 @@ class Bench:
         if replay.cycles:
             with Pool(0) as pool:
                 diagnosis = diagnose(replay)
-                answer = Answer(diagnosis, driven_trials(diagnosis, pool))
+                guesses = guesses_of(diagnosis)
+                answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
             answer_in_words = " | ".join(lines_of(answer)[:3])
         else:  # The planner never had a path, and the command says so.
             answer = Answer(Diagnosis(replay, []))

@@ -22,6 +22,7 @@ from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
 from applr_ros1.policy import methods
+from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.replay import Replay, Watch, replay_of
 from applr_ros1.why.rerun import RerunPlanner
@@ -85,11 +86,13 @@ def run(options: WhyOptions) -> None:
     if options.map:
         write_map(seen_grid(first_replay.recording), options.map)
     if options.quick:
-        answer = Answer(diagnose(first_replay, options.at))
+        diagnosis = diagnose(first_replay, options.at)
+        answer = Answer(diagnosis, guesses_of(diagnosis))
     else:
         with Pool(options.workers) as pool:
             diagnosis = diagnose(first_replay, options.at)
-            answer = Answer(diagnosis, driven_trials(diagnosis, pool))
+            guesses = guesses_of(diagnosis)
+            answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
 
     lines = lines_of(answer)
     for other_replay in other_replays:

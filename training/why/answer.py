@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import List, NamedTuple, Optional
+from typing import List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from applr_ros1.common.paths import distances
 from applr_ros1.why.alternatives import Alternative
-from applr_ros1.why.answer import certainty_of, guess_of, indented, sentence, what_happened
-from applr_ros1.why.diagnosis import ASKED, Diagnosis
-from applr_ros1.why.events import Event
+from applr_ros1.why.answer import best_guess, certainty_of, indented, sentence, what_happened
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.events import ASKED, Event
 from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
 
 LISTED = 4  # number of further events, and of rows of what was tried
@@ -19,9 +19,16 @@ STOPS_M = 0.05  # motion within it [m]
 
 
 class Answer(NamedTuple):
-    """Diagnosis of a recorded drive, and whole drives, if they were needed and possible."""
+    """What is said of a recorded drive.
+
+    Attributes:
+        diagnosis: What happened, and why.
+        guesses: Alternatives that the replay ranks, the best first. They were not driven.
+        trials: Whole drives; None if none were needed or possible.
+    """
 
     diagnosis: Diagnosis
+    guesses: Sequence[Alternative] = ()
     trials: Optional[Trials] = None
 
 
@@ -70,7 +77,7 @@ def advice(answer: Answer) -> List[str]:
 
 def undriven_guess(answer: Answer) -> Optional[Alternative]:
     """Return what the replay ranks first, or None if it was driven in vain or gains too little."""
-    guess = guess_of(answer.diagnosis)
+    guess = best_guess(answer.guesses, answer.diagnosis.replay.top_speed)
     if guess is not None and answer.trials is not None:
         for tried in answer.trials.tried:
             if tried.candidate is not None and tried.candidate.changes == guess.changes:
@@ -121,8 +128,7 @@ def tried_rows(answer: Answer) -> List[str]:
             if tried.candidate in judged:
                 table_row += f"; with other seeds {judged[tried.candidate]}"
             rows.append(table_row)
-    guesses = answer.diagnosis.guesses
-    if guesses:
+    if answer.guesses:
         rows.append("Guesses of the replay, two seconds ahead:")
-        rows += indented(guesses[:LISTED])
+        rows += indented(answer.guesses[:LISTED])
     return rows

@@ -8,10 +8,9 @@ import numpy as np
 
 from applr_ros1.common.paths import distances
 from applr_ros1.why import events
-from applr_ros1.why.alternatives import best_changes
+from applr_ros1.why.alternatives import CYCLES, best_changes
 from applr_ros1.why.answer import indented
-from applr_ros1.why.diagnosis import CYCLES, some
-from applr_ros1.why.replay import Replay, ReplayedCycle
+from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
 APART_M = 0.3  # distance from which on two drives differ [m]
 
@@ -29,7 +28,7 @@ def compared(first: Replay, second: Replay) -> List[str]:
         if not is_text and not change.server.startswith("global_costmap"):
             changes.append(change)
     slow_cycles: List[ReplayedCycle] = []
-    for event in events.find(first.drive, first.limits):
+    for event in events.find(first.drive, first.recording.odometry, first.limits):
         slow_cycles += first.between(event.begin, event.end)
     alternatives = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
 

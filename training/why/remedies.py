@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 import numpy as np
 
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
 from applr_ros1.why.alternatives import Alternative, together
-from applr_ros1.why.diagnosis import ASKED, Diagnosis
-from applr_ros1.why.events import AT_GOAL
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.events import ASKED, AT_GOAL
 from applr_ros1.why.replay import Replay
 from training.why.candidates import (
     Candidate,
@@ -29,11 +29,14 @@ LIVE = 5  # number of candidates among them that the replay ranks
 ARRIVED_M = 1.5  # distance from the goal at the end of a drive that arrived [m, for the Jackal]
 
 
-def driven_trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
+def driven_trials(
+    diagnosis: Diagnosis, guesses: Sequence[Alternative], pool: Pool
+) -> Optional[Trials]:
     """Drive with the recorded values and with candidates.
 
     Args:
         diagnosis: Diagnosis of a recorded drive.
+        guesses: Alternatives that the replay ranks, the best first.
         pool: Workers that drive.
 
     Returns:
@@ -70,14 +73,13 @@ def driven_trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
         limit=limit_of(seconds),
         ends_at_tolerance=longest_event.kind != AT_GOAL,
     )
-    return try_out(course, candidates(diagnosis, robot), pool)
+    return try_out(course, candidates(replay, guesses, robot), pool)
 
 
-def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
+def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> List[Candidate]:
     """Return the candidates that are driven: the replay's first ones, and values of files."""
-    replay = diagnosis.replay
     live_candidates: List[Candidate] = []
-    for guess in diagnosis.guesses[:LIVE]:
+    for guess in guesses[:LIVE]:
         live_candidates += milder(replay, guess)
         live_candidates.append(Candidate(guess.changes))
     live_candidates += escape_candidates(replay.planner.name, replay.settings[replay.planner.name])

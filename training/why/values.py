@@ -48,7 +48,7 @@ def values_of(answer: Answer) -> Dict[str, Any]:
         "reproduced": replay.share,
         "notes": replay.drive.notes,
         **_trials_values(answer.trials),
-        "alternatives": list(map(str, diagnosis.guesses)),
+        "alternatives": list(map(str, answer.guesses)),
         "events": event_values,
         "map": (cells * CELL_M).round(2).tolist(),
         "track": _thinned(track),

@@ -65,8 +65,9 @@ def found(drive):
         turn=np.full(row_count, TURN),
         tolerance=0.25,
         scale=1.0,
+        end=drive.end,
     )
-    return events.find(drive, limits)
+    return events.find(drive, drive.odometry, limits)
 
 
 def kinds(drive):

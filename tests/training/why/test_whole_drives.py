@@ -13,8 +13,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
-from applr_ros1.why import diagnosis
-from applr_ros1.why.events import Event
+from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.events import ASKED, Event
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
@@ -431,8 +431,7 @@ def replayed(door):
 def diagnosed(replay, trials=None, guesses=()):
     """Return the answer for a replay with one event, at the door."""
     event = Event("stood", begin=3.0, end=9.0, place=(0.0, 0.3), reason="a reason")
-    found = diagnosis.Diagnosis(replay, [event], explained=[[]], guesses=list(guesses))
-    return Answer(found, trials)
+    return Answer(Diagnosis(replay, [event], explained=[[]]), guesses, trials)
 
 
 def tried(candidate, *seconds, limit=25.0):
@@ -501,7 +500,7 @@ def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
     line = "No change was tried: the robot lost little time."
     assert answer.advice(short_answer) == [line]
     # A moment that somebody asks about is short, too.
-    event.kind = diagnosis.ASKED
+    event.kind = ASKED
     assert answer.advice(short_answer) == []
 
 
@@ -541,7 +540,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
         routes = replace(drive.routes, path=[path] * len(drive.routes))
         replay = replay_of(Recording.of(replace(drive, routes=routes), replayed.robot))
         with Pool(0) as pool:
-            remedies.driven_trials(diagnosis.diagnose(replay), pool)
+            remedies.driven_trials(diagnose(replay), [], pool)
 
     limit_on_its_way, limit_at_its_goal = limits
     assert limit_on_its_way == whole_drives.LONGEST_LIMIT_S
@@ -552,7 +551,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
 
 def test_a_moment_outside_the_drive_is_refused(replayed):
     with pytest.raises(ApplrError, match="--at 500: outside the drive, give "):
-        diagnosis.diagnose(replayed, 500.0)
+        diagnose(replayed, 500.0)
 
 
 def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(replayed):
@@ -562,10 +561,10 @@ def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(repla
     # An event of eleven seconds, and one of one second
     long_event = Event("crept", 1.0, 12.0, (0.0, 0.3))
     short_event = Event("crept", 1.0, 2.0, (0.0, 0.3))
-    assert diagnosis.Diagnosis(replayed, [long_event]).wants_remedy
-    assert not diagnosis.Diagnosis(replayed, [short_event]).wants_remedy
+    assert Diagnosis(replayed, [long_event]).wants_remedy
+    assert not Diagnosis(replayed, [short_event]).wants_remedy
 
     slow_top_speed = Change(PLANNER, "max_vel_x", 0.5, 0.1)
     slow_robot = with_changes(JACKAL, [SPOILT, slow_top_speed], "jackal")
     slow_replay = replay_of(Recording.of(replayed.drive, slow_robot))
-    assert not diagnosis.Diagnosis(slow_replay, [long_event]).wants_remedy
+    assert not Diagnosis(slow_replay, [long_event]).wants_remedy

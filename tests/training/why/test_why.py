@@ -18,14 +18,16 @@ from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from applr_ros1.why import alternatives, diagnosis
+from applr_ros1.why import alternatives
 from applr_ros1.why import replay as replay_module
-from applr_ros1.why.alternatives import Alternative, Result
+from applr_ros1.why.alternatives import Alternative, Result, guesses_of
+from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.events import SLOW
 from applr_ros1.why.explanation import explain, part_of_robot
+from applr_ros1.why.moment import Memory
 from applr_ros1.why.recording import Recording
-from applr_ros1.why.replay import changes_of, replay_of
-from applr_ros1.why.rerun import Memory, RerunPlanner
+from applr_ros1.why.replay import changes_of, replay_of, some
+from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
@@ -473,9 +475,10 @@ def test_what_the_planner_said_is_the_same_in_any_order(robot):
 
     def said(cycle):
         """Return what the planner said in a cycle, as plain values."""
-        command, samples, points, local_map = replay.at(cycle)
-        costs = [samples.costs, *samples.parts.values()]
-        return [*command, *np.concatenate(costs), *points.ravel(), *local_map.cells.ravel()]
+        moment = replay.at(cycle)
+        numbers = [moment.samples.costs, *moment.samples.parts.values()]
+        numbers += [moment.trajectory_points.ravel(), moment.map.cells.ravel()]
+        return [*moment.command, *np.concatenate(numbers)]
 
     in_order = [said(cycle) for cycle in cycles]
 
@@ -541,12 +544,12 @@ def test_the_obstacle_in_the_way_is_named():
 
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
-    diagnosed = diagnosis.diagnose(driven_with_post(0.5, 0.0))
+    diagnosed = diagnose(driven_with_post(0.5, 0.0))
     first_line, *_ = lines_of(Answer(diagnosed))
     position = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
     assert re.match(rf"The laser sees a part of the robot, {position}", first_line)
     # Nothing about the planner is guessed from scans that show the robot itself.
-    assert not diagnosed.guesses
+    assert guesses_of(diagnosed) == []
 
 
 def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
@@ -592,7 +595,9 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     explanation = explain(replay, cycle)
 
     # The planner's own costs: their parts add up, and the command, in the last row, is cheapest.
-    command, (velocities, costs, parts), _, _ = replay.at(cycle)
+    moment = replay.at(cycle)
+    command = moment.command
+    velocities, costs, parts = moment.samples
     legal = costs >= 0
     assert np.allclose(sum(parts.values())[legal], costs[legal])
     assert all((part[~legal] == 0.0).all() for part in parts.values())
@@ -687,10 +692,10 @@ def test_samples_that_dwa_refuses_are_explained():
 
 def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(replay, monkeypatch):
     # Fewer cycles than people get, because each takes the time of a drive.
-    monkeypatch.setattr(diagnosis, "CYCLES", 4)
-    diagnosed = diagnosis.diagnose(replay)
-    assert diagnosed.guesses[0].change.name == "vx_samples"
-    for guess in diagnosed.guesses:
+    monkeypatch.setattr(alternatives, "CYCLES", 4)
+    guesses = guesses_of(diagnose(replay))
+    assert guesses[0].change.name == "vx_samples"
+    for guess in guesses:
         assert guess.gain > 0.0
 
 
@@ -698,13 +703,13 @@ def test_reproduced_cycles_are_preferred(replay):
     reproduced = replay.cycles[0]
     not_reproduced = replace(replay.cycles[1], error=1.0)
     mixed_cycles = [reproduced] * 20 + [not_reproduced] * 10
-    chosen_cycles = diagnosis.some(mixed_cycles, 30)
+    chosen_cycles = some(mixed_cycles, 30)
     assert len(chosen_cycles) == 20
     for cycle in chosen_cycles:
         assert cycle is reproduced
     # If no cycle is reproduced, others must do.
-    assert diagnosis.some([not_reproduced], 3) == [not_reproduced]
-    assert diagnosis.some([], 3) == []
+    assert some([not_reproduced], 3) == [not_reproduced]
+    assert some([], 3) == []
 
 
 def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
@@ -715,8 +720,8 @@ def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
             begin_times.append(cycle.at)
         return []
 
-    monkeypatch.setattr(diagnosis, "best_changes", best_changes)
-    diagnosis.diagnose(sound, at=5.0)
+    monkeypatch.setattr(alternatives, "best_changes", best_changes)
+    guesses_of(diagnose(sound, at=5.0))
     # The event of a moment is half a second around it. The way into it counts from 2 s before.
     assert min(begin_times) == pytest.approx(2.5, abs=0.1)
     assert max(begin_times) == pytest.approx(5.5, abs=0.1)
@@ -815,7 +820,7 @@ def ran(capsys, *arguments):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Return an empty folder, and let the command try little, so that it is fast."""
-    monkeypatch.setattr(diagnosis, "CYCLES", 2)
+    monkeypatch.setattr(alternatives, "CYCLES", 2)
     monkeypatch.setattr(alternatives, "FACTORS", ())
     return tmp_path
 
