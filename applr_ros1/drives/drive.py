@@ -422,12 +422,6 @@ class Driven(NamedTuple):
     truth: Motion
 
 
-class Located(NamedTuple):
-    """Columns of a drive with odometry."""
-
-    odometry: Motion
-
-
 class Measured(NamedTuple):
     """Columns of a drive with the sensors' measurements."""
 

@@ -14,11 +14,9 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.why.stretch import SILENT_S, STILL_SPEED, STILL_TURN
+from applr_ros1.why.stretch import SILENT_S, SLOW, STILL_SPEED, STILL_TURN
 
-# Shares of the top speed below which a robot creeps, and is slow.
-CREEPS = 0.25
-SLOW = 0.6
+CREEPS = 0.25  # share of the top speed below which a robot creeps
 # Shortest durations that count as an event [s]. A robot that turns, swings or backs out for a
 # moment drives as it should, and even a sound drive is slow for some seconds beside an obstacle.
 STOOD_S = 1.0

@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo, transform_point
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.settings import Settings
-from applr_ros1.robots.check import crossed_limits
-from applr_ros1.why.events import SLOW
 from applr_ros1.why.moment import NEAR_M, Moment, Obstacle
 from applr_ros1.why.replay import Replay, ReplayedCycle
 from applr_ros1.why.rerun import RerunPlanner
+from applr_ros1.why.stretch import SLOW
 
 SAMPLES = 12  # number of samples in a table
-PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
 # A part of the robot stays beside it in this share of the scans, at so many headings or more.
 CARRIED = 0.9
 HEADINGS = 5
@@ -93,12 +91,11 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
     """Return what kept the robot from driving on in a cycle."""
     moment = replay.at(cycle)
     explanation = Explanation(cycle.at, cycle.pose)
-    crossing = _crossing(replay.planner.name, moment.values)
+    crossing = _crossing(moment)
     obstacle: Optional[Obstacle] = None
-    illegal_rows = moment.illegal_rows
-    if len(illegal_rows) and not crossing:
-        obstacle = moment.obstacle_of(_straightest(moment))
-    leads_back = moment.leads_back(PLAN_AHEAD_M * replay.robot.world_scale)
+    # No place would make a difference to crossed limits.
+    if moment.straightest_illegal >= 0 and not crossing:
+        obstacle = moment.obstacle_of(moment.straightest_illegal)
 
     # What kept the planner from a sample that drives on
     drives_on = bool(moment.drives_on[moment.winner])
@@ -107,13 +104,13 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
         explanation.lines.append(f"The planner drives on {_in_words(moment, moment.winner)}.")
     elif moment.best is not None:
         _explain_outbid(explanation, moment, moment.best)
-    if len(illegal_rows):
+    if len(moment.illegal_rows):
         _explain_illegal(explanation, moment, crossing, obstacle)
     # Without straight commands, turns are all that is compared.
     if crossing and not drives_on:
         explanation.words = f"every straight way is refused, as {crossing}"
     # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
-    elif leads_back:
+    elif moment.leads_back:
         explanation.words = "the plan leads back, behind the robot"
 
     # What the page shows
@@ -124,12 +121,6 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
         explanation.driving = 1 if moment.best == moment.winner else 2
     explanation.plan = cycle.plan[:, :2].round(2).tolist()
     return explanation
-
-
-def _straightest(moment: Moment) -> int:
-    """Return the row of the illegal sample that turns least among those that drive on."""
-    turn_rates = np.abs(moment.samples.velocities[moment.illegal_rows, 1])
-    return int(moment.illegal_rows[turn_rates.argmin()])
 
 
 def _in_words(moment: Moment, row: int) -> str:
@@ -190,8 +181,7 @@ def _explain_illegal(
         crossing: Which limits leave no velocity to drive with, or "".
         obstacle: What the straightest one meets, or None.
     """
-    straightest_row = _straightest(moment)
-    # No place and no plan would make a difference to crossed limits.
+    straightest_row = moment.straightest_illegal
     if crossing:
         objection = f"is refused, as {crossing}"
     elif obstacle is not None:
@@ -228,14 +218,14 @@ def _refusal(moment: Moment, row: int) -> str:
     return "leaves the map or the reach of the plan"
 
 
-def _crossing(planner: str, values: Mapping[str, Any]) -> str:
+def _crossing(moment: Moment) -> str:
     """Return which limits of the planner leave no velocity to drive with, or ""."""
-    for limits in crossed_limits(planner, values):
-        if limits.consequence:
-            largest = f"{limits.high} ({values[limits.high]:g})"
-            smallest = f"{limits.low} ({values[limits.low]:g})"
-            return f"{largest} is below {smallest}: {limits.consequence}"
-    return ""
+    limits = moment.crossed
+    if limits is None:
+        return ""
+    largest = f"{limits.high} ({moment.values[limits.high]:g})"
+    smallest = f"{limits.low} ({moment.values[limits.low]:g})"
+    return f"{largest} is below {smallest}: {limits.consequence}"
 
 
 def beside(ahead: float, left: float, digits: int = 2) -> str:

@@ -20,7 +20,8 @@ from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.parameters.settings import Settings
-from applr_ros1.why.events import SLOW
+from applr_ros1.robots.check import LimitPair, crossed_limits
+from applr_ros1.why.stretch import SLOW
 
 # A sample drives on if it is at least SLOW, or nearly the fastest sample if this is slower.
 FASTEST = 0.95
@@ -143,7 +144,8 @@ class Moment:
 
     Attributes:
         asked: What it was given.
-        values: {name: value} of the planner's parameters.
+        planner: Name of the planner.
+        lookahead: Distance of the point of the plan that shows where it leads [m].
         command: Command v [m/s], w [rad/s].
         samples: What it compared.
         trajectory_points: (k, 3) points x, y [m] of legal trajectories, with their costs.
@@ -152,12 +154,18 @@ class Moment:
     """
 
     asked: Asked
-    values: Mapping[str, Any]
+    planner: str
+    lookahead: float
     command: Command
     samples: Samples
     trajectory_points: np.ndarray
     map: LocalMap
     scan_points: np.ndarray
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Parameters {name: value} of the planner in force."""
+        return self.asked.settings[self.planner]
 
     @property
     def drives_on(self) -> np.ndarray:
@@ -188,17 +196,32 @@ class Moment:
         """Rows of the illegal samples that are fast enough to drive on."""
         return np.flatnonzero(self.drives_on & (self.samples.costs < 0))
 
-    def leads_back(self, lookahead: float) -> bool:
-        """Return whether the plan begins by more than a right angle off the robot's heading.
+    @property
+    def straightest_illegal(self) -> int:
+        """Row of the illegal sample that turns least among those that drive on; -1 without one."""
+        rows = self.illegal_rows
+        if not len(rows):
+            return -1
+        turn_rates = np.abs(self.samples.velocities[rows, 1])
+        return int(rows[turn_rates.argmin()])
 
-        The point of the plan at `lookahead` [m] from the robot shows where it leads.
-        """
+    @property
+    def crossed(self) -> Optional[LimitPair]:
+        """Limits of the planner that leave no velocity to drive with, or None."""
+        for limits in crossed_limits(self.planner, self.values):
+            if limits.consequence:
+                return limits
+        return None
+
+    @property
+    def leads_back(self) -> bool:
+        """True if the plan begins by more than a right angle off the robot's heading."""
         x, y, yaw = self.asked.pose
         points = self.asked.plan[:, :2]
         from_robot = distances(points, np.array([x, y]))
         # The first point at some distance shows the way: those beside the robot lie anywhere.
         first_point = int(from_robot.argmin())
-        rows_beyond = np.flatnonzero(from_robot[first_point:] >= lookahead)
+        rows_beyond = np.flatnonzero(from_robot[first_point:] >= self.lookahead)
         if not len(rows_beyond):
             return False
         dx, dy = points[first_point + rows_beyond[0]] - (x, y)

@@ -47,6 +47,7 @@ TOO_EARLY = "before the first scan or odometry"
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 CLEARED_S = 0.5  # longest time in which move_base clears its costmaps after a call [s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
+PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
 # Ages of a velocity in messages, counted from the latest before the command, the likely ones first.
 LAGS = 0, 1, 2, -1, 3, 4
 POSE_SHIFTS = 0, 1, -1, 2, -2  # messages by which a pose is newer than the velocity
@@ -215,7 +216,9 @@ class Replay:
 
     def at(self, cycle: ReplayedCycle) -> Moment:
         """Return what the planner saw and said in a cycle, of this replay or with other values."""
-        return self.planner.moment(cycle, self.cloud(cycle.scan).points[:, :2])
+        scan_points = self.cloud(cycle.scan).points[:, :2]
+        lookahead = PLAN_AHEAD_M * self.robot.world_scale
+        return self.planner.moment(cycle, scan_points, lookahead)
 
     def ahead(self, cycle: Asked, settings: Settings, cycle_count: int) -> Ahead:
         """Return how the robot would drive on from a cycle with other parameters.

@@ -166,19 +166,21 @@ class RerunPlanner:
         self._local.planner.remember(asked.pose, *command)
         return self._memory()
 
-    def moment(self, asked: Asked, scan_points: np.ndarray) -> Moment:
+    def moment(self, asked: Asked, scan_points: np.ndarray, lookahead: float) -> Moment:
         """Return what the planner says in a cycle, with all that it compares.
 
         Args:
             asked: What it is given.
             scan_points: (n, 2) points of the latest scan in the odometry frame [m].
+            lookahead: Distance of the point of the plan that shows where it leads [m].
         """
         command = self._command(asked)
         velocities, costs, cost_parts = self._local.planner.sample_costs(self._costmap, command)
         x, y, _, _, trajectory_costs = self._local.trajectory_cloud(self._costmap).T
         return Moment(
             asked=asked,
-            values=asked.settings[self.name],
+            planner=self.name,
+            lookahead=lookahead,
             command=command,
             samples=Samples(velocities, costs, cost_parts),
             trajectory_points=np.column_stack([x, y, trajectory_costs]),

@@ -13,7 +13,6 @@ from applr_ros1.drives.drive import (
     Driven,
     DrivenToGoal,
     Goal,
-    Located,
     Measured,
     Scans,
 )
@@ -46,9 +45,7 @@ def test_the_first_missing_or_empty_column_is_named(scans):
         drive.require(WithDistances)
 
 
-@pytest.mark.parametrize(
-    "needed", [Driven, DrivenToGoal, Located, Measured, MeasuredSlip, Replayable]
-)
+@pytest.mark.parametrize("needed", [Driven, DrivenToGoal, Measured, MeasuredSlip, Replayable])
 def test_the_types_that_are_required_have_the_drives_own_columns(needed):
     columns = {field.name for field in dataclasses.fields(Drive)}
     types_of_columns = get_type_hints(Drive)

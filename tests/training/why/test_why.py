@@ -22,12 +22,12 @@ from applr_ros1.why import alternatives
 from applr_ros1.why import replay as replay_module
 from applr_ros1.why.alternatives import Alternative, Result, guesses_of
 from applr_ros1.why.diagnosis import diagnose
-from applr_ros1.why.events import SLOW
 from applr_ros1.why.explanation import explain, part_of_robot
 from applr_ros1.why.moment import Memory
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import changes_of, replay_of, some
 from applr_ros1.why.rerun import RerunPlanner
+from applr_ros1.why.stretch import SLOW
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
