@@ -16,9 +16,10 @@ import numpy as np
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
-from applr_ros1.drives.clocks import APART_S, clocks_differ, one_clock, scans_apart, stamped_later
-from applr_ros1.drives.drive import Commands, Drive, Measured, Motion, Plans, Scans, nearest_rows
-from applr_ros1.drives.frames import Link, Placement, Tree
+from applr_ros1.drives.clocks import clocks_differ, one_clock, scans_apart, stamped_later
+from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans, nearest_rows
+from applr_ros1.drives.frames import Placement, Tree
+from applr_ros1.drives.places import PlacedBase, places_of
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.planner.plan_cut import cut_plan, transformed
@@ -38,6 +39,14 @@ STATUS_S = 0.3  # longest time between the sending of a goal and its first statu
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
 
 
+class Fittable(NamedTuple):
+    """Columns of a drive that are made to fit on each other."""
+
+    planned: Commands
+    odometry: Motion
+    scans: Scans
+
+
 class Routed(NamedTuple):
     """Columns of a drive whose followed plans can be cut from those of the global planner."""
 
@@ -52,23 +61,6 @@ class PlacedLaser(NamedTuple):
     scans: Scans
     pose: Pose
     notes: List[str]
-
-
-class PlacedBase(NamedTuple):
-    """Where tf has the robot's base.
-
-    Attributes:
-        link: Link with the most messages between the base and the frame of the local costmap.
-        later: By how much later the odometry is stamped than tf [s]; 0 if both have one clock.
-        by_link: (m, 3) poses in the frame of the local costmap at the link's messages.
-        by_topic: (n, 3) poses in the frame of the odometry topic at its messages; None if tf does
-            not connect it.
-    """
-
-    link: Link
-    later: float
-    by_link: np.ndarray
-    by_topic: Optional[np.ndarray]
 
 
 class Noted(NamedTuple):
@@ -92,38 +84,32 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
     """
     drive = _without_prefix(drive)
     _check_frames(drive)
-    odometry, scans = drive.require(Measured)
-    base = robot.frames.base
-
-    # What tf says
-    tree = Tree(drive.transforms)
-    (laser_frame,) = drive.frames["scans"]
-    (topic_frame,) = drive.frames["odometry"]
+    odometry_frame = drive.frame
     # The plans that were followed are in the frame of the local costmap.
-    frame = (drive.frames.get("plans") or [drive.frame])[0]
-    laser_in_tf = tree.place(base, laser_frame, scans.stamp[:1])
-    is_connected = frame == drive.frame or tree.place(frame, base, np.zeros(1)) is not None
-    base_in_tf = _placed_base(tree, odometry, topic_frame, frame, base)
+    plan_frames = drive.frames.get("plans") or [odometry_frame]
+    drive = replace(drive, frame=plan_frames[0])
+    columns = drive.require(Fittable)
+    tree = Tree(drive.transforms)
+    places = places_of(drive, tree, columns.odometry, columns.scans, robot.frames.base)
 
-    # What follows for the columns
-    laser = _placed_laser(scans, laser_frame, laser_in_tf, robot, is_given)
-    if not is_connected:
-        raise _unconnected(frame, drive)
-    moved = _with_poses(odometry, base_in_tf)
+    laser = _placed_laser(columns.scans, drive.frames["scans"][0], places.laser, robot, is_given)
+    if drive.frame != odometry_frame and not places.is_framed:
+        raise _unconnected(drive.frame, odometry_frame)
+    moved = _with_poses(columns.odometry, places.base)
     clock_notes = _compared_clocks(laser.scans, moved.motion)
     driven = _with_velocities(moved.motion)
     drive = replace(
         drive,
-        frame=frame,
         odometry=driven.motion,
         scans=laser.scans,
         notes=[*drive.notes, *laser.notes, *moved.notes, *clock_notes, *driven.notes],
     )
     drive = replace(drive, plans=plans_of(drive, tree, planner))
     drive = replace(drive, routes=_routes_by_odometry(drive, tree))
-    recording = Recording.of(drive, robot)
     # Whatever moved the robot, its planner was given the velocities of the topic.
-    return replace(recording, laser_pose=laser.pose, planner_twist=moved.motion.twist)
+    return replace(
+        Recording.of(drive, robot), laser_pose=laser.pose, planner_twist=moved.motion.twist
+    )
 
 
 # -- frames ----------------------------------------------------------------------------------------
@@ -177,10 +163,10 @@ def other_robot(differs: str, remedy: str, is_given: bool) -> ApplrError:
     return ApplrError(f"{differs}: give the robot as --robot")
 
 
-def _unconnected(frame: str, drive: Drive) -> ApplrError:
+def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
     """Return the error of plans in a frame that tf does not connect with the odometry's."""
     return ApplrError(
-        f"the plan is in {frame}, the odometry in {drive.frame}: record /tf and /tf_static"
+        f"the plan is in {frame}, the odometry in {odometry_frame}: record /tf and /tf_static"
     )
 
 
@@ -239,47 +225,27 @@ def _mirrored(scans: Scans) -> Scans:
 
 
 # -- poses -----------------------------------------------------------------------------------------
-def _placed_base(
-    tree: Tree, odometry: Motion, topic_frame: str, frame: str, base: str
-) -> Optional[PlacedBase]:
-    """Return where tf has the base, as Costmap2DROS::getRobotPose does, or None if it does not."""
-    link = tree.busiest(frame, base)
-    if link is None:
-        return None
-    later = stamped_later(odometry, link)
-    if abs(later) <= APART_S:
-        later = 0.0
-    at_link = tree.place(frame, base, link.stamp)
-    at_topic = tree.place(topic_frame, base, odometry.stamp - later)
-    if at_link is None:
-        return None
-    return PlacedBase(
-        link=link,
-        later=later,
-        by_link=at_link.planar,
-        by_topic=None if at_topic is None else at_topic.planar,
-    )
-
-
 def _with_poses(odometry: Motion, in_tf: Optional[PlacedBase]) -> Noted:
     """Return the odometry with the poses of tf, if it has them."""
     notes: List[str] = []
     if in_tf is None:
         return Noted(odometry, notes)
+    odometry = replace(odometry, stamp=odometry.stamp - in_tf.later)
     if in_tf.later:
-        odometry = replace(odometry, stamp=odometry.stamp - in_tf.later)
         problem = clocks_differ("the odometry is", in_tf.later, "tf")
         notes.append(f"{problem}; {one_clock('base')}")
-    if in_tf.by_topic is not None:
-        largest_distance = float(distances(odometry.pose[:, :2], in_tf.by_topic[:, :2]).max())
-        turned_angles = normalize_angle_modulo(odometry.pose[:, 2] - in_tf.by_topic[:, 2])
-        largest_turn = float(np.abs(turned_angles).max())
-        if largest_distance > POSE_OFF_M or largest_turn > POSE_OFF_RAD:
-            notes.append(
-                f"the odometry topic is not what tf shows: up to {largest_distance:.2f} m and "
-                f"{largest_turn:.2f} rad apart; poses are tf's, velocities the topic's"
-            )
-    return Noted(_joined(odometry, in_tf.link.time, in_tf.link.stamp, in_tf.by_link), notes)
+    joined = _joined(odometry, in_tf.link.time, in_tf.link.stamp, in_tf.by_link)
+    if in_tf.by_topic is None:
+        return Noted(joined, notes)
+    largest_distance = float(distances(odometry.pose[:, :2], in_tf.by_topic[:, :2]).max())
+    turned_angles = normalize_angle_modulo(odometry.pose[:, 2] - in_tf.by_topic[:, 2])
+    largest_turn = float(np.abs(turned_angles).max())
+    if largest_distance > POSE_OFF_M or largest_turn > POSE_OFF_RAD:
+        notes.append(
+            f"the odometry topic is not what tf shows: up to {largest_distance:.2f} m and "
+            f"{largest_turn:.2f} rad apart; poses are tf's, velocities the topic's"
+        )
+    return Noted(joined, notes)
 
 
 def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.ndarray) -> Motion:
@@ -385,7 +351,7 @@ def followed_plans(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
     if plan_frame != drive.frame:
         frame_places = tree.place(plan_frame, drive.frame, times)
         if frame_places is None:
-            raise _unconnected(plan_frame, drive)
+            raise _unconnected(plan_frame, drive.frame)
         origins = frame_places.planar
 
     followed_times: List[float] = []
