@@ -12,13 +12,14 @@ import numpy as np
 import worlds
 from applr_ros1.drives.drive import Commands, Decision, Drive, Motion, Rows
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.decision import Seen
 from applr_ros1.robots import Robot
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from training.bags.topics import PREEMPTED
 from training.bags.write import BagWriter
-from training.env.episode import Episode, counting_cells
+from training.env.episode import Episode
 from training.env.outcome import Outcome
 
 # Inputs of a decision that no test reads.

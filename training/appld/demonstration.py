@@ -10,10 +10,10 @@ import os
 
 import numpy as np
 
+from applr_ros1.drives.clocks import scans_apart
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, SentGoal, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.clocks import scans_apart
 from training.bags.read import BagError, read, refused
 from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD

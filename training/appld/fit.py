@@ -15,12 +15,13 @@ import numpy as np
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.appld.demonstration import is_driving
 from training.appld.segmentation import Segment
-from training.env.episode import CONTROL_PERIOD, counting_cells
+from training.env.episode import CONTROL_PERIOD
 
 # Weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
 TURN_WEIGHT = 0.25

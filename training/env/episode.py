@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Any, Dict, Optional, Tuple, Union
+from typing import Optional, Tuple, Union
 
 import numpy as np
 
@@ -45,16 +45,6 @@ from worlds import World
 # Duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
 CONTROL_PERIOD = 0.05
 TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
-
-
-def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
-    """Return move_base's parameter tree with `meter_scoring` false.
-
-    Distance biases learned here are per costmap cell. The applr node rescales them for a planner
-    that needs biases per metre (applr_ros1/nodes/applr/meter_scoring.py).
-    """
-    planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
-    return dict(parameters, TrajectoryPlannerROS=planner)
 
 
 class Episode:

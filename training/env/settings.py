@@ -8,12 +8,13 @@ from typing import Any, Dict, Literal, Optional, Tuple
 from pydantic import ConfigDict
 
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.robots import Robot
 from training.common.command_line import AnyRobot, SimulatorName
 from training.common.options import Options, option
-from training.env.episode import TIME_LIMIT, counting_cells
+from training.env.episode import TIME_LIMIT
 from training.env.reward import Reward
 from worlds import World, barn
 

@@ -20,11 +20,13 @@ import sim_bridge
 from applr_ros1.common.progress import announced
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
-from training.env.episode import Episode, counting_cells
-from training.why.candidates import single_candidates, with_changes
-from training.why.reasons import STANDS, failure_of
+from training.env.episode import Episode
+from training.robot.failure import STANDS, failure_of
+from training.robot.single_changes import single_candidates
+from training.why.candidates import with_changes
 from worlds import Course, World
 from worlds.world import NO_CIRCLE_M
 

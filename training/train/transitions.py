@@ -16,12 +16,12 @@ import numpy as np
 from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
+from applr_ros1.drives.clocks import scans_apart
 from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Motion
 from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.clocks import scans_apart
 from training.bags.read import BagError
 from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD, TIME_LIMIT

@@ -18,10 +18,11 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import TIMED_OUT
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from training.env.episode import Episode, counting_cells
+from training.env.episode import Episode
 from training.why.candidates import Candidate, with_changes
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool

@@ -33,7 +33,15 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import LARGE_BUFFER
-from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive, Goal
+from applr_ros1.drives.drive import (
+    ABORTED,
+    REACHED,
+    TIMED_OUT,
+    Decision,
+    Drive,
+    DrivenToGoal,
+    Goal,
+)
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED, ended_early, in_full
 from applr_ros1.drives.page import Scene, Shown, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
@@ -196,11 +204,11 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     drive = observer.drive(values["sent"], values["limit"], nodes.check)
     load.expect_reports()
     nodes.wait("the diagnostics", lambda: load.is_reported)
-    assert drive.truth is not None
-    goal = drive.goals[-1]
+    truth, goals = drive.require(DrivenToGoal)
+    goal = goals[-1]
     has_touched = bool(len(drive.contacts))
     contact_note = ", with contact" if has_touched else ""
-    report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact_note}")
+    report(f"{goal.reason} after {goal.end:.1f} s and {truth.length:.2f} m{contact_note}")
     spoiled = load.sentence(setup.robot.all_parameters()["controller_frequency"] * goal.end)
     if spoiled:
         report(spoiled)
@@ -213,7 +221,7 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
         time_s=round(goal.end, 2),
         reason=goal.reason,
         timeout=goal.status == TIMED_OUT,
-        path_length_m=round(drive.truth.length, 3),
+        path_length_m=round(truth.length, 3),
         skipped_cycles=load.count(SKIPPED),
         late_decisions=load.count(LATE),
         page=None,
