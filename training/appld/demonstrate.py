@@ -7,20 +7,26 @@ The demonstrator is training/appld/scripted_driver.py. The bag's metadata name i
 from __future__ import annotations
 
 import sys
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Union
+
+import numpy as np
 
 import sim_bridge
 import worlds
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Drive, SentGoal
 from applr_ros1.drives.recorder import Recorder
-from applr_ros1.robots import Robot
+from applr_ros1.monitor.motion import Twist
+from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.robots.geometry import radius
+from applr_ros1.stack.simulated import SimulatedRobot
+from applr_ros1.stack.stack import Step
 from sim_bridge.simulator import Simulator
 from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
 from training.common.options import Options, argument, option
-from training.env.episode import CONTROL_PERIOD
 from worlds import World
 
 with extra(__name__):
@@ -41,6 +47,36 @@ class DemonstrateOptions(Options):
     seed: Seed
 
 
+class Script:
+    """Scripted demonstrator, in the place of a robot's stack. It knows the true pose."""
+
+    def __init__(self, simulator: Simulator):
+        self._simulator = simulator
+        self._ranges = np.empty(0, np.float32)  # latest scan (beams,) [m]
+
+    def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
+        """Plan the route through the simulator's world."""
+        self._demonstrator = Demonstrator(self._simulator.world, self._simulator.robot)
+
+    def set_goal(self, goal: Pose, now: float) -> None:
+        """Do nothing, because the route leads to the goal of the course."""
+
+    def step(
+        self,
+        now: float,
+        pose: Pose,
+        twist: Twist,
+        scan: Optional[LaserScan] = None,
+        local_origin: Optional[Pose] = None,
+    ) -> Step:
+        """Return the demonstrator's command for one control cycle."""
+        # The laser may be slower than the control cycle; the demonstrator then uses its last scan.
+        if scan is not None:
+            self._ranges = scan.ranges
+        command = self._demonstrator.command(self._simulator.state.pose, self._ranges)
+        return Step(Cycle(), verdict=None, command=command)
+
+
 def demonstrate(options: DemonstrateOptions) -> None:
     """Drive one course and write the bag, with scans at the laser's rate.
 
@@ -55,7 +91,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
     simulator = sim_bridge.make(options.simulator, robot=robot)
     # The writer comes first: it refuses an existing bag before minutes of driving.
     with BagWriter(options.bag, robot, TopicNames.of(robot)) as writer:
-        drive = demonstrated(world, robot, simulator, options.seed)
+        drive = demonstrated(world, simulator, options.seed)
         drive.source = {
             "simulator": options.simulator,
             "robot": robot.name,
@@ -68,31 +104,29 @@ def demonstrate(options: DemonstrateOptions) -> None:
     print(f"{options.bag}: {world.name} demonstrated by a script in {seconds:.1f} s")
 
 
-def demonstrated(world: World, robot: Robot, simulator: Simulator, seed: int) -> Drive:
+def demonstrated(world: World, simulator: Simulator, seed: int) -> Drive:
     """Drive the course of a world with the scripted demonstrator, and return the drive.
 
     Raises:
         ApplrError: The course takes longer than LIMIT_S, or the robot flips.
     """
     recorder = Recorder(world, everything=True)
-    driver = Demonstrator(world, robot)
-    state = simulator.reset(world, seed)
-    recorder.sent.append(SentGoal(0.0, simulator.to_odom(world.course.goal), robot.frames.odom))
-    scan_due = 0.0
+    simulated_robot = SimulatedRobot(simulator, Script(simulator))
+    simulated_robot.reset(world, seed)
+    goal = simulator.to_odom(world.course.goal)
+    recorder.sent.append(SentGoal(0.0, goal, simulator.robot.frames.odom))
+    state = simulator.state
     while not world.course.arrived(*state.pose[:2]):
         if state.time > LIMIT_S or state.flipped:
             trouble = f"flipped or too slow after {state.time:.0f} s"
             raise ApplrError(f"{world.name}: {trouble}: give another --world")
+        tick = simulated_robot.cycle()
         recorder.localised(state.time, state.odom_pose, state.odom_twist)
-        # The laser may be slower than the control cycle; the driver then uses its last scan.
-        if state.time + 1e-6 >= scan_due:
-            scan_due += robot.laser.period_in(CONTROL_PERIOD)
-            scan = simulator.laser_scan()
-            recorder.scanned(state.time, scan)
-        command = driver.command(state.pose, scan.ranges)
-        recorder.commanded(state.time, command)
-        simulator.command(*command)
-        state = simulator.advance(CONTROL_PERIOD)
+        if tick.scan is not None:
+            recorder.scanned(state.time, tick.scan)
+        if tick.step.command is not None:
+            recorder.commanded(state.time, tick.step.command)
+        state = tick.after
     return recorder.drive
 
 

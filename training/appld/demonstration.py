@@ -16,9 +16,9 @@ from applr_ros1.drives.clocks import scans_apart
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.bags.read import BagError, read, refused
 from training.bags.topics import TopicNames, topic_of
-from training.env.episode import CONTROL_PERIOD
 
 CHANNELS = ("scans", "odometry", "commands", "sent", "source")  # channels of a demonstration
 DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]

@@ -18,9 +18,9 @@ from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
+from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.appld.demonstration import Demonstration, is_driving
 from training.appld.segmentation import Segment
-from training.env.episode import CONTROL_PERIOD
 
 # Weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
 TURN_WEIGHT = 0.25

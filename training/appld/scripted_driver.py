@@ -15,7 +15,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose, normalize_angle, outside_box, transform_point
 from applr_ros1.common.paths import distances, points_at, travelled
 from applr_ros1.robots import Robot
-from training.env.episode import CONTROL_PERIOD
+from applr_ros1.stack.simulated import CONTROL_PERIOD
 from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"

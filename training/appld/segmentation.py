@@ -15,8 +15,8 @@ import scipy
 
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import Robot
+from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.appld.demonstration import Demonstration, policy_scans
-from training.env.episode import CONTROL_PERIOD
 
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
 SMOOTHED = 15  # number of instants over which a feature is averaged

@@ -7,14 +7,12 @@ Episode connects MoveBase to a Simulator, without ROS. The environment (env.py),
 from __future__ import annotations
 
 import math
-import zlib
 from typing import Optional, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import (
     ABORTED,
     FLIPPED,
@@ -29,7 +27,6 @@ from applr_ros1.drives.drive import (
 )
 from applr_ros1.drives.ending import ended_early
 from applr_ros1.drives.recorder import Recorder
-from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.policy.decision import Context, Seen
@@ -37,13 +34,12 @@ from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
-from applr_ros1.stack.stack import Stack, Step
+from applr_ros1.stack.simulated import CONTROL_PERIOD, SimulatedRobot, Tick
+from applr_ros1.stack.stack import Stack
 from sim_bridge.simulator import RobotState, Simulator
 from training.env.outcome import Leg, Outcome, nearest, outcome_of
 from worlds import World
 
-# Duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
-CONTROL_PERIOD = 0.05
 TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 
 
@@ -94,19 +90,13 @@ class Episode:
     ):
         planners = move_base if isinstance(move_base, tuple) else (move_base,)
         # The last stack is for worlds with a map.
-        self._stacks = [
-            Stack(robot, planner, monitor=monitor, escapes=escapes) for planner in planners
-        ]
-        self.stack = self._stacks[0]
+        stacks = [Stack(robot, planner, monitor=monitor, escapes=escapes) for planner in planners]
+        self.simulated = SimulatedRobot(simulator, stacks[0], stacks[-1])
         self.simulator = simulator
-        # Pose of the world's frame in the map's, if the planner has the map
-        self._to_map: Optional[Pose] = None
         self.robot = robot
         self.space = space_of(robot)
         # Beams of the policy's scans; may be replaced between two trials
         self.layout = layout_of(robot)
-        # Scan interval [s]; 0: one scan per cycle
-        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)
         self.end_on_collision = end_on_collision
         self.end_on_stall = end_on_stall
         self.ends_at_tolerance = ends_at_tolerance
@@ -137,6 +127,11 @@ class Episode:
         return max(1, round(self.time_limit / self.period))
 
     @property
+    def stack(self) -> Stack:
+        """Stack of the present world."""
+        return self.simulated.stack
+
+    @property
     def move_base(self) -> MoveBase:
         """Planner of the present world."""
         return self.stack.move_base
@@ -148,14 +143,13 @@ class Episode:
 
     @property
     def place(self) -> Pose:
-        """Pose of the robot in the frame of plan and goal.
+        """Pose of the robot in the frame of plan and goal."""
+        return self.simulated.place
 
-        It is the true pose on a map, or the odometry's without a map.
-        """
-        state = self.simulator.state
-        if self._to_map is None:
-            return state.odom_pose
-        return compose(self._to_map, state.pose)
+    @property
+    def goal(self) -> Pose:
+        """Goal (x, y, yaw) of the course in the frame of plan and goal."""
+        return self.simulated.goal
 
     # -- the trial ---------------------------------------------------------------------------------
     def reset(self, world: World, seed: int, theta: Optional[np.ndarray] = None) -> Outcome:
@@ -166,45 +160,27 @@ class Episode:
         counts from the sending of the goal.
         """
         self.world = world
-        self.stack = self._stacks[0]
-        if world.map is not None:
-            self.stack = self._stacks[-1]
-        self._to_map = None
-        if world.map is not None and self.move_base.map_topics:
-            self._to_map = inverse(world.map.origin)
-            cells, resolution, _ = world.map
-            self.move_base.set_map(StaticMap(cells, resolution, (0.0, 0.0), self.robot.frames.map))
-        state = self.simulator.reset(world, seed)
-        # Because the seed includes the name, a random planner fidelity differs from world to world.
-        self.stack.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
-        self._scan_due = state.time
-        self._ranges = np.empty(0, np.float32)  # latest scan of the control cycles
+        self.simulated.reset(world, seed)
         self._recorder = Recorder(world, self._record)
-        self.began = state.time + CONTROL_PERIOD  # time at which the goal is sent [s]
+        # Time at which the goal is sent [s]
+        self.began = self.simulator.state.time + CONTROL_PERIOD
         if theta is None:
             theta = self.space.theta0
         theta = self.apply(theta)
         self._tolerance = self.move_base.goal_tolerance
-        self._cycle()
+        self._record_planner(self.simulated.cycle())
         return self._send_goal(theta)
 
     def _send_goal(self, theta: np.ndarray) -> Outcome:
         """Send the goal of the course, and return the outcome before the first decision."""
-        sent_goal = self.world.course.sent_goal
-        if self._to_map is None:
-            self.goal = self.simulator.to_odom(sent_goal)
-            frame = self.robot.frames.odom
-        else:
-            self.goal = compose(self._to_map, sent_goal)
-            frame = self.robot.frames.map
         state = self.simulator.state
         self._courses += 1
         self.began = state.time
         self.stall.reset()
         self.stall.update(0.0, *state.pose[:2], state.twist[0])
-        self.stack.set_goal(self.goal, state.time)
+        self.simulated.send_goal()
         self._recorder.moved(0.0, state.pose, state.twist)
-        self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
+        self._recorder.sent.append(SentGoal(0.0, self.goal, self.simulated.frame))
         goal_name = f"course {self._courses} in {self.world.name}"
         self._recorder.goals.append(Goal(goal_name, 0.0, math.inf))
         # Plan of the next decision
@@ -260,7 +236,7 @@ class Episode:
             self._end(STALLED, "stalled")
         if not self._goal.status and decision_count >= self.limit:
             self._end(TIMED_OUT, "time limit")
-        self._scanned = self._ranges if self._scan_period else self.simulator.scan()
+        self._scanned = self.simulated.look()
         self._plan = self.move_base.global_plan
         self._observe()
         leg = Leg(begin_time, self.seconds, self.world.course.goal, start_place, state.pose)
@@ -313,30 +289,17 @@ class Episode:
         return self.space.read_back(in_force)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
-    def _cycle(self) -> Tuple[Cycle, RobotState]:
-        """Scan, plan, command and drive; return the planner's cycle and the new state."""
-        state = self.simulator.state
-        scan: Optional[LaserScan] = None
-        if state.time + 1e-6 >= self._scan_due:
-            scan = self._scan()
-        # Pose of the odometry's frame in the map's
-        origin: Optional[Pose] = None
-        if self._to_map is not None:
-            origin = compose(self.place, inverse(state.odom_pose))
-        stack_step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
-        if self._record:
-            self._record_step(state, scan, stack_step)
-        if stack_step.command is not None:
-            self.simulator.command(*stack_step.command)
-        return stack_step.cycle, self.simulator.advance(CONTROL_PERIOD)
-
-    def _record_step(self, state: RobotState, scan: Optional[LaserScan], step: Step) -> None:
+    def _record_planner(self, tick: Tick) -> None:
         """Record what a training episode does not need."""
+        if not self._record:
+            return
         recorder = self._recorder
-        seconds = self.seconds
-        recorder.localised(seconds, state.odom_pose, state.odom_twist)
-        if scan is not None:
-            recorder.scanned(seconds, scan)
+        before = tick.before
+        step = tick.step
+        seconds = before.time - self.began
+        recorder.localised(seconds, before.odom_pose, before.odom_twist)
+        if tick.scan is not None:
+            recorder.scanned(seconds, tick.scan)
         if step.cycle.recovery is not None:
             recorder.recovered(seconds)
         if step.cycle.new_plan:
@@ -352,13 +315,6 @@ class Episode:
         if step.command is not None:
             recorder.commanded(seconds, step.command)
 
-    def _scan(self) -> LaserScan:
-        """Take a new scan of the simulated laser."""
-        self._scan_due += self._scan_period
-        scan = self.simulator.laser_scan()
-        self._ranges = scan.ranges
-        return scan
-
     def _observe(self) -> float:
         """Record the scan of the next decision, and return its smallest range [m]."""
         smallest_range = nearest(self._scanned, self.robot.laser.range_min)
@@ -368,12 +324,15 @@ class Episode:
     def _drive_one(self) -> None:
         """Drive one control cycle, and end the goal if the course has ended."""
         begin_time = self.seconds
-        cycle, state = self._cycle()
-        self._recorder.measured(begin_time, nearest(self._ranges, self.robot.laser.range_min))
+        tick = self.simulated.cycle()
+        self._record_planner(tick)
+        state = tick.after
+        smallest_range = nearest(self.simulated.ranges, self.robot.laser.range_min)
+        self._recorder.measured(begin_time, smallest_range)
         self._recorder.moved(self.seconds, state.pose, state.twist)
         if state.contact:
             self._recorder.touched(self.seconds)
-        self._judge(cycle, state)
+        self._judge(tick.step.cycle, state)
 
     def _judge(self, cycle: Cycle, state: RobotState) -> None:
         """End the goal if the course has ended (Course.arrived).

@@ -22,9 +22,10 @@ from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.bags.read import BagError
 from training.bags.topics import TopicNames, topic_of
-from training.env.episode import CONTROL_PERIOD, TIME_LIMIT
+from training.env.episode import TIME_LIMIT
 from training.env.outcome import Leg, Outcome, outcome_of
 from training.env.reward import Reward, failed
 from training.env.trajectory import Trajectory, TransitionLayout

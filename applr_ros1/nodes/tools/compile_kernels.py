@@ -28,6 +28,7 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from sim_bridge.simulator import warm_up as warm_up_simulator
 
@@ -48,7 +49,6 @@ DRIVES: Tuple[Tuple[str, Callable[[], None]], ...] = (
 )
 WORLD = "dynamic:0"  # a room with moving obstacles
 DRIVE_S = 30.0  # simulated time of a drive [s]
-CYCLE_S = 0.05  # duration of a control cycle [s]
 DECISION_S = 1.0  # time between two changes of the parameters [s]
 # Wall time before the first progress line, longer than loading compiled kernels takes [s]
 QUIET_S = 5.0
@@ -104,27 +104,17 @@ def drive(robot: Robot) -> None:
     stack = Stack(robot, MoveBase(parameters), monitor=True)
     space = space_of(robot)
     rng = np.random.default_rng(0)
-
-    state = simulator.reset(world, 0)
-    stack.reset(state.time, 0)
-    goal = simulator.to_odom(world.course.sent_goal)
-    next_decision = scan_due = state.time
-    end_time = state.time + DRIVE_S
-    while state.time < end_time:
+    simulated_robot = SimulatedRobot(simulator, stack)
+    simulated_robot.reset(world, seed=0)
+    next_decision = 0.0
+    while simulator.state.time < DRIVE_S:
         if stack.move_base.goal is None:
-            stack.set_goal(goal, state.time)
-        if state.time >= next_decision:
+            simulated_robot.send_goal()
+        if simulator.state.time >= next_decision:
             next_decision += DECISION_S
             theta = space.to_theta(rng.uniform(-1.0, 1.0, len(space)))
             stack.move_base.put_in_force(space.settings(theta))
-        scan = None
-        if state.time + 1e-6 >= scan_due:
-            scan_due += robot.laser.period_in(CYCLE_S)
-            scan = simulator.laser_scan()
-        step = stack.step(state.time, state.odom_pose, state.odom_twist, scan)
-        if step.command is not None:
-            simulator.command(*step.command)
-        state = simulator.advance(CYCLE_S)
+        simulated_robot.cycle()
     simulator.close()
 
 
