@@ -52,6 +52,7 @@ from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
+from .bag_recorder import BagRecorder
 from .launcher import LaunchedNodes, given_arguments, launch_arguments, private_nodes, report
 from .machine_load import LATE, SKIPPED, MachineLoad
 from .send_goal import course_goal
@@ -292,6 +293,7 @@ class Observer:
         self._scan = "/" + scan_topic.lstrip("/")
         self._has_monitor = boolean("monitor", values["monitor"])
         self._has_movers = boolean("movers", values["movers"])
+        self._has_recorder = values["record"] != "none"
         # A process subscribes to a topic with one type only, and the action client to the status.
         message_types = dict.fromkeys((self._scan, VERDICTS, MOVERS), rospy.AnyMsg)
         message_types[STATUS] = GoalStatusArray
@@ -315,6 +317,8 @@ class Observer:
             yield "monitor", lambda: VERDICTS in self._up
         if self._has_movers:
             yield "movers", lambda: MOVERS in self._up
+        if self._has_recorder:
+            yield "recorder", BagRecorder("/record").is_ready
 
     def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Drive:
         """Send the goal `pose` (x, y, yaw) in odom, and return the drive with its goal's end.
