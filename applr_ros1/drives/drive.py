@@ -7,7 +7,7 @@ replay, pages and reports read them. All times are in seconds since the drive's 
 import io
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple, TypeVar
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple, Type, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from applr_ros1.policy.decision import Seen
 from worlds import World
 
 SelfRows = TypeVar("SelfRows", bound="Rows")
+Needed = TypeVar("Needed")
 # How the planner ended a goal
 REACHED = "reached"
 ABORTED = "aborted"
@@ -283,13 +284,9 @@ class Drive:
         name: Name of the drive for people: its file, or its world.
         frame: Frame of odometry and plans.
         frames: Frames of a column's recorded messages, in order of appearance.
-        laser_pose: Place (x, y, yaw) [m, m, rad] of the laser in the robot's frame by tf; None if
-            it is that of robot.yaml.
         planners: Names of the local planners whose plans were recorded.
         truth: True motion in the frame of the world.
         odometry: Motion by odometry.
-        planner_twist: (n, 2) velocities that the planner was given with each row of the odometry;
-            None if they are the odometry's.
         transforms: Places of frames in others.
         scans: Laser scans.
         clearances: Distances to the nearest obstacle.
@@ -316,12 +313,10 @@ class Drive:
     name: str = ""
     frame: str = "odom"
     frames: Dict[str, List[str]] = field(default_factory=dict)
-    laser_pose: Optional[Pose] = None
     planners: List[str] = field(default_factory=list)
     # Where the robot was, and what it measured
     truth: Optional[Motion] = None
     odometry: Optional[Motion] = None
-    planner_twist: Optional[np.ndarray] = None
     transforms: Optional[Transforms] = None
     scans: Optional[Scans] = None
     clearances: Optional[Clearances] = None
@@ -345,17 +340,26 @@ class Drive:
     source: Dict[str, Any] = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
 
+    @property
+    def end(self) -> float:
+        """Time of the last scan, odometry or command [s]."""
+        latest_time = 0.0
+        for rows in (self.odometry, self.scans, self.planned, self.commands):
+            if rows is not None and len(rows):
+                latest_time = max(latest_time, float(rows.time[-1]))
+        return latest_time
+
     def pack(self) -> bytes:
         """Return the driven path as npz.
 
         It has time, pose and twist in a row per control cycle, and theta and decided per decision.
         Poses are true. A path is kept of many trials, for pictures: everything else is left out.
         """
-        assert self.truth is not None
+        truth = self.require(Driven).truth
         columns = {
-            "time": self.truth.time,
-            "pose": self.truth.pose,
-            "twist": self.truth.twist,
+            "time": truth.time,
+            "pose": truth.pose,
+            "twist": truth.twist,
             "theta": [list(decision.after.values()) for decision in self.decisions],
             "decided": [decision.time for decision in self.decisions],
         }
@@ -393,9 +397,40 @@ class Drive:
             decisions.append(decision)
         return cls(truth=truth, decisions=decisions)
 
-    def require(self, *columns: str) -> None:
-        """Raise DriveError if one of the named columns is missing or empty."""
-        for column_name in columns:
+    def require(self, needed: Type[Needed]) -> Needed:
+        """Return the columns that a type such as Driven has as fields.
+
+        Whoever needs columns declares such a type, a NamedTuple, and asks once. In its value they
+        are there.
+
+        Raises:
+            DriveError: One of the columns is missing or empty.
+        """
+        columns = {}
+        for column_name in get_type_hints(needed):
+            column = getattr(self, column_name)
             # The length of rows is their truth value.
-            if not getattr(self, column_name):
+            if not column:
                 raise DriveError(f"{self.name}: it has no {column_name}")
+            columns[column_name] = column
+        return needed(**columns)
+
+
+class Driven(NamedTuple):
+    """Columns of a drive whose true motion is known."""
+
+    truth: Motion
+
+
+class Measured(NamedTuple):
+    """Columns of a drive with the sensors' measurements."""
+
+    odometry: Motion
+    scans: Scans
+
+
+class DrivenToGoal(NamedTuple):
+    """Columns of a drive to at least one goal, whose true motion is known."""
+
+    truth: Motion
+    goals: List[Goal]

@@ -4,13 +4,20 @@ move_base knows the place of a robot by its odometry. In simulation the true pla
 """
 
 import math
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.drives.drive import Drive, Motion
 
 ODOMETRY_ARRIVED = "the odometry arrived, the robot did not"
 TOO_EARLY = "move_base reported the goal as reached before the robot was there"
+
+
+class MeasuredSlip(NamedTuple):
+    """Columns of a drive whose motion is known by odometry and in truth."""
+
+    odometry: Motion
+    truth: Motion
 
 
 def ended_early(
@@ -41,11 +48,9 @@ def in_full(drive: Drive) -> str:
     reason = drive.goals[-1].reason
     if reason != ODOMETRY_ARRIVED:
         return reason
-    drive.require("odometry", "truth")
-    assert drive.odometry is not None
-    assert drive.truth is not None
-    slip = math.dist(_displacement(drive.odometry), _displacement(drive.truth))
-    return f"{reason}: its wheels slipped by {slip:.2f} m over {drive.odometry.length:.1f} m"
+    odometry, truth = drive.require(MeasuredSlip)
+    slip = math.dist(_displacement(odometry), _displacement(truth))
+    return f"{reason}: its wheels slipped by {slip:.2f} m over {odometry.length:.1f} m"
 
 
 def _displacement(motion: Motion) -> Tuple[float, float]:

@@ -16,7 +16,7 @@ import numpy as np
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.pages.colors import color_indices
 from applr_ros1.common.pages.page import Page
-from applr_ros1.drives.drive import REACHED, Drive
+from applr_ros1.drives.drive import REACHED, Drive, Driven, DrivenToGoal
 from applr_ros1.monitor.stopping import edge_points
 from applr_ros1.policy.parameter_space import Space
 from worlds.world import World, clearance
@@ -103,9 +103,8 @@ def verdict_of(drive: Drive, world: World, outline: np.ndarray, begins: float = 
         outline: Corners (n, 2) of the robot's outline [m].
         begins: Time of the world at which the drive begins [s].
     """
-    drive.require("truth", "goals")
-    assert drive.truth is not None
-    goal = drive.goals[-1]
+    truth, goals = drive.require(DrivenToGoal)
+    goal = goals[-1]
     duration = f"{goal.end - goal.begin:.1f} s"
     if goal.status == REACHED:
         ending = f"Reached the goal in {duration}"
@@ -113,7 +112,7 @@ def verdict_of(drive: Drive, world: World, outline: np.ndarray, begins: float = 
         ending = f"Did not reach the goal: {goal.reason} after {duration}"
     nearest_distance = nearest_obstacle(drive, world, outline, begins)
     contact_note = ", touched something" if len(drive.contacts) else ""
-    distances = f"{drive.truth.length:.1f} m, nearest obstacle {nearest_distance:.2f} m"
+    distances = f"{truth.length:.1f} m, nearest obstacle {nearest_distance:.2f} m"
     return f"{ending}, {distances}{contact_note}"
 
 
@@ -220,8 +219,7 @@ def _drive(shown: Shown) -> Dict[str, Any]:
         "v": _whole(speeds, 100),
     }
     # When a goal has ended, the defaults are set again. The observation there has no parameters.
-    assert drive.truth is not None
-    end_time = drive.truth.time[-1]
+    end_time = drive.require(Driven).truth.time[-1]
     decision_times = []
     parameter_sets = []
     for decision in drive.decisions:
@@ -241,9 +239,7 @@ def _short(parameters: Mapping[str, float]) -> List[float]:
 
 def sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
     """Return poses (n, 3) and speeds (n,) of a drive, one per POSE_PERIOD_S and the last one."""
-    drive.require("truth")
-    assert drive.truth is not None
-    motion = drive.truth
+    motion = drive.require(Driven).truth
     begin_time = motion.time[0]
     end_time = motion.time[-1]
     regular_times = np.arange(begin_time, end_time, POSE_PERIOD_S)

@@ -29,12 +29,14 @@ class LocalPlanner(abc.ABC):
             C++ move_base reads this flag only in its next cycle. Planners that do not remember it
             test the goal again in every cycle.
         goal_reached: whether the last compute_velocity found the goal reached.
+        is_turning: whether it turns the robot to the goal's heading, until this is reached.
         cropped_plan: part (n, 3) x, y, yaw of the plan that the last command followed, empty if
             there was none.
     """
 
     remembers_reached: bool = False
     goal_reached: bool
+    is_turning: bool = False
     cropped_plan: np.ndarray
 
     @abc.abstractmethod

@@ -22,19 +22,23 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.frames import Tree
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
+from applr_ros1.why.alternatives import guesses_of
+from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.fitting import plans_of
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.replay import replay_of
+from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
-from training.bags.transforms import Tree
 from training.why import __main__ as why
-from training.why.answer import guess_of
+from training.why.answer import Answer, lines_of, undriven_guess
 from training.why.candidates import Candidate, file_candidates, with_changes
-from training.why.diagnosis import Diagnosis, diagnose
-from training.why.recorded import plans_of
-from training.why.replay import Replay
+from training.why.remedies import driven_trials
 from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
@@ -357,29 +361,32 @@ class Bench:
     ) -> Planted:
         """Return the row with the answer to a drive, and with the drives that follow its advice."""
         began = process_time()
-        replay = Replay(robot)
+        planner = RerunPlanner(robot)
         # The simulated drive has plans in the frame of the odometry alone, so no tf is needed.
         in_odometry = replace(drive, frames={"routes": [drive.frame]})
-        replay.run(replace(drive, plans=plans_of(in_odometry, Tree(None), robot)))
+        drive = replace(drive, plans=plans_of(in_odometry, Tree(None), planner))
+        replay = replay_of(Recording.of(drive, robot), planner)
         if replay.cycles:
             with Pool(0) as pool:
-                diagnosis = diagnose(replay, None, pool)
-            answer = " | ".join(why.lines_of(diagnosis)[:3])
+                diagnosis = diagnose(replay)
+                guesses = guesses_of(diagnosis)
+                answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
+            answer_in_words = " | ".join(lines_of(answer)[:3])
         else:  # The planner never had a path, and the command says so.
-            diagnosis = Diagnosis(replay, [])
-            answer = "no command has a plan"
+            answer = Answer(Diagnosis(replay, []))
+            answer_in_words = "no command has a plan"
         answer_time = process_time() - began
 
         # Follow the advice. Without a change to follow, the answer may still name a parameter.
         time_before = mean_time(robot, table_row.world)
         time_after = time_before
-        remedy = diagnosis.trials.remedy if diagnosis.trials else None
+        remedy = answer.trials.remedy if answer.trials else None
         if remedy is not None and remedy.candidate is not None:
             named_parameters = remedy.candidate.names
             remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
             time_after = mean_time(remedied_robot, table_row.world)
         else:
-            guess = guess_of(diagnosis)
+            guess = undriven_guess(answer)
             named_parameters = [guess.change.name] if guess is not None else []
 
         # Judge it.
@@ -394,7 +401,7 @@ class Bench:
             random=time_before,
             undone=time_before,
             answered=round(answer_time, 1),
-            answer=answer,
+            answer=answer_in_words,
         )
         if fault is None:
             return table_row
@@ -416,8 +423,9 @@ class Bench:
 def reproduced(path: str) -> None:
     """Print the share of a bag's commands that the replay reproduces."""
     began = process_time()
-    replay = Replay(JACKAL)
-    replay.run(why.drive_of(Path(path), why.WhyOptions(bag=[path], robot=JACKAL)))
+    planner = RerunPlanner(JACKAL)
+    options = why.WhyOptions(bag=[path], robot=JACKAL)
+    replay = replay_of(why.recording_of(Path(path), options, planner), planner)
     close_share = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
     processor_time = process_time() - began
     print(

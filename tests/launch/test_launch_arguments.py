@@ -170,6 +170,8 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     assert launched.parameters["/sim_bridge/world"] == "/a b.world"
     assert launched.parameters["/send_goal/world"] == "/a b.world"
     assert launched.words["record"][2:4] == ["-O", bag_path]
+    assert launched.parameters["/send_goal/recorder"] == "record"
+    assert launched.words["record"][5] == launched.parameters["/record/unrecorded"]
     assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
     replayed = loaded("replay.launch", "bag:=" + bag_path, "robot:=" + robot_folder)
     assert replayed.words["player"][-1] == bag_path

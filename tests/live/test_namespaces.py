@@ -95,6 +95,7 @@ def test_a_stack_in_a_namespace(tmp_path):
         topics = set(recorded.get_type_and_topic_info().topics)
         assert recorded.get_message_count("/robot1/applr/decision") >= 1
     assert {"/robot1/front/scan", "/robot1/move_base/TrajectoryPlannerROS/local_plan"} <= topics
+    assert "/robot1/move_base/current_goal" in topics, "the drive is recorded from its begin"
     assert "/tf" in topics
     replayed(master, bag_path, start=0.5)
 

@@ -1,27 +1,70 @@
-"""Test of the robot's model on the viewer's page."""
+"""Test of the robot's model and of the camera on the viewer's page."""
 
+import asyncio
 from dataclasses import replace
+from types import SimpleNamespace
 from unittest.mock import MagicMock
 
+import numpy as np
 import pytest
 
 from applr_ros1.robots import JACKAL
 
+scene = pytest.importorskip("applr_ros1.nodes.viewer.scene")
 shapes = pytest.importorskip("applr_ros1.nodes.viewer.shapes")
 
 
 @pytest.mark.parametrize("is_round", [False, True])
 def test_a_round_body_is_shown_as_a_cylinder(is_round):
     body = JACKAL.body.model_copy(update={"round": is_round, "size": (0.6, 0.5, 0.2)})
-    scene = MagicMock()
-    shapes.Model(scene, "/robot", replace(JACKAL, body=body), (1, 2, 3))
+    drawn = MagicMock()
+    shapes.Model(drawn, "/robot", replace(JACKAL, body=body), (1, 2, 3))
     cylinders = {}
-    for call in scene.add_cylinder.mock_calls:
+    for call in drawn.add_cylinder.mock_calls:
         cylinders[call.args[0]] = call.kwargs
     assert ("/robot/body" in cylinders) is is_round
-    assert scene.add_box.called is not is_round
+    assert drawn.add_box.called is not is_round
     if is_round:
         shown_body = cylinders["/robot/body"]
         diameter = 2.0 * shown_body["radius"]
         assert [diameter * scale for scale in shown_body["scale"]] == [0.6, 0.5, 1.0]
         assert shown_body["height"] == 0.2
+
+
+def camera_at(position, look_at):
+    """Return a camera as a page reports it."""
+    return SimpleNamespace(position=np.array(position), look_at=np.array(look_at))
+
+
+def test_the_camera_stays_behind_the_robot_whatever_an_opening_page_reports():
+    view = scene.View(scale=1.0)
+    robot_pose = (1.0, 2.0, 0.0)
+    placed = camera_at((-2.5, 2.0, 2.5), (2.0, 2.0, 0.0))
+    # When: the page reports its own first pose again, after it was told another one
+    camera = camera_at((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
+    for _ in range(2):
+        view.follow(camera, robot_pose)
+        camera = camera_at((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
+        asyncio.run(view.take_report(camera))
+    # Then: it is told again
+    view.follow(camera, robot_pose)
+    np.testing.assert_allclose(camera.position, placed.position)
+    np.testing.assert_allclose(camera.look_at, placed.look_at)
+
+
+def test_a_camera_that_the_user_has_moved_follows_the_robot():
+    view = scene.View(scale=1.0)
+    camera = camera_at((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
+    view.follow(camera, (1.0, 2.0, 0.0))
+    asyncio.run(view.take_report(camera))
+    # When: the user turns the camera, and the robot drives on and turns
+    camera.position = np.array([2.0, -1.0, 4.0])
+    asyncio.run(view.take_report(camera))
+    view.follow(camera, (1.5, 2.5, 1.0))
+    # Then: only the robot's motion is added
+    np.testing.assert_allclose(camera.position, (2.5, -0.5, 4.0))
+    # When: the clock jumps back
+    view.restart()
+    view.follow(camera, (0.0, 0.0, 0.0))
+    # Then: the camera is behind the robot again
+    np.testing.assert_allclose(camera.position, (-3.5, 0.0, 2.5))

@@ -1,6 +1,5 @@
 """Tests of parameters that set several values, to which the robot's files give different ones."""
 
-from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from applr_ros1.robots import load
 from applr_ros1.robots.learned import default_space
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
+from tests.support.servers import running_servers
 
 PLANNER = "DWAPlannerROS"
 INFLATION = ("local_costmap/inflation_layer", "global_costmap/inflation_layer")
@@ -115,58 +115,34 @@ def test_the_default_method_and_a_course_in_simulation_begin_with_the_owners_val
     simulator.close()
 
 
-class RunningServer:
-    """A dynamic_reconfigure server as the reconfigure client sees it; it takes every request."""
-
-    def __init__(self, values):
-        self.name = "server"
-        self.values = dict(values)
-        self.call = Future()
-        self.call.set_result("")
-
-    def request(self, values):
-        return dict(values)
-
-    def has(self, request):
-        return all(self.values[name] == value for name, value in request.items())
-
-    def set(self, request):
-        self.values.update(request)
-
-    def value_of(self, target):
-        return self.values[target.name]
-
-    def bounds_of(self, target):
-        return -1e6, 1e6
-
-
 def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limit(space):
     pytest.importorskip("rospy")
     from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 
     def started_client(space):
         client = ReconfigureClient(space=space)
-        for server, values in Settings.from_tree(BURGER.all_parameters()).items():
-            if server in space.servers:
-                client.servers[server] = RunningServer(values)
+        client.servers = running_servers(space, Settings.from_tree(BURGER.all_parameters()))
         return client
+
+    def applied(client, theta):
+        return not client.apply(client.space.settings(theta))
 
     def values_of(client):
         return {name: server.values for name, server in client.servers.items()}
 
     client = started_client(space)
-    assert client.apply(space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})) == ""
+    assert applied(client, space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5}))
     assert_together(values_of(client), 0.18, 0.5)
-    assert client.apply(space.theta0) == ""
+    assert applied(client, space.theta0)
     assert_owners(values_of(client))
     assert client.theta().tolist() == space.theta0.tolist()
 
     client = started_client(space.below(0.18))
-    assert client.apply(space.theta0) == ""
+    assert applied(client, space.theta0)
     assert values_of(client)[PLANNER]["max_vel_x"] == 0.18
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
     # What is in force, applied again, changes nothing.
-    assert client.apply(client.theta()) == ""
+    assert applied(client, client.theta())
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
 
 

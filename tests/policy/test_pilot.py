@@ -7,7 +7,7 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
-from applr_ros1.policy.decision import PERIOD, Method, Seen
+from applr_ros1.policy.decision import PERIOD, Seen
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.methods import FixedParameters
 from applr_ros1.policy.observation import LAYOUT
@@ -15,38 +15,11 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.policy.pilot import DEFAULTS, LOST_PERIODS, METHOD, STALL, Pilot
 from applr_ros1.policy.stall import BACKING_OUT
 from applr_ros1.robots import JACKAL, load
-from tests.support.contexts import AHEAD, scene
+from tests.support.contexts import AHEAD, Chooses, driving, parameters, scene
 
 SPACE = space_of(JACKAL)
 THETA_0 = SPACE.theta0
 NAMES = ("husky", "jackal", "turtlebot3_burger", "turtlebot3_waffle_pi")
-
-
-class Chooses(Method):
-    """Method that chooses what a test sets, or raises it."""
-
-    def __init__(self, theta=THETA_0, static=False):
-        self.chosen = theta
-        self.static = static
-        self.seeds = []
-
-    def reset(self, seed):
-        self.seeds.append(seed)
-
-    def theta(self, context):
-        if isinstance(self.chosen, Exception):
-            raise self.chosen
-        return self.chosen
-
-
-def parameters(**values):
-    """Return theta_0 with other values, whatever their ranges."""
-    return np.array(list({**SPACE.as_dict(THETA_0), **values}.values()))
-
-
-def driving(time):
-    """Return the context of a robot that drives ahead at 1 m/s."""
-    return scene(float(time), x=float(time), v=1.0, way=AHEAD)
 
 
 def stalled(pilot, seconds=3, robot=JACKAL):

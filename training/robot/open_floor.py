@@ -27,8 +27,9 @@ from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
-from training.why.candidates import single_candidates, with_changes
-from training.why.reasons import STANDS, failure_of
+from training.robot.failure import STANDS, failure_of
+from training.robot.single_changes import single_candidates
+from training.why.candidates import with_changes
 from worlds import Course, World
 from worlds.world import NO_CIRCLE_M
 

@@ -10,24 +10,33 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import List, Optional
+
+from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
 from applr_ros1.policy import methods
+from applr_ros1.why.alternatives import guesses_of
+from applr_ros1.why.diagnosis import diagnose
+from applr_ros1.why.replay import Replay, Watch, replay_of
+from applr_ros1.why.rerun import RerunPlanner
 from training.common.command_line import parsed
 from training.common.options import argument, option
 
 with extra(__name__):
     from training.bags.read import bags_in
-    from training.bags.seen_world import seen_grid, write_map
-    from training.why.answer import lines_of, values_of
-    from training.why.diagnosis import compared, diagnose
-    from training.why.recorded import RecordedOptions, drive_of
-    from training.why.replay import Replay
+    from training.why.answer import Answer, lines_of
+    from training.why.comparison import compared
+    from training.why.recorded import RecordedOptions, recording_of
+    from training.why.remedies import driven_trials
+    from training.why.seen_world import seen_grid, write_map
+    from training.why.values import values_of
     from training.workers.pool import Pool
 
 REPLAYED = (
@@ -75,20 +84,23 @@ def run(options: WhyOptions) -> None:
         replays.append(_replayed(bag_path, options))
     first_replay, *other_replays = replays
     if options.map:
-        write_map(seen_grid(first_replay.drive, options.robot), options.map)
+        write_map(seen_grid(first_replay.recording), options.map)
     if options.quick:
         diagnosis = diagnose(first_replay, options.at)
+        answer = Answer(diagnosis, guesses_of(diagnosis))
     else:
         with Pool(options.workers) as pool:
-            diagnosis = diagnose(first_replay, options.at, pool)
+            diagnosis = diagnose(first_replay, options.at)
+            guesses = guesses_of(diagnosis)
+            answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
 
-    lines = lines_of(diagnosis)
+    lines = lines_of(answer)
     for other_replay in other_replays:
         lines += compared(first_replay, other_replay)
-    answer_values = {**values_of(diagnosis), "lines": lines}
+    answer_values = {**values_of(answer), "lines": lines}
     print(json.dumps(answer_values) if options.json_ else "\n".join(lines))
     if options.out:
-        driven_notes = [DRIVEN] if diagnosis.trials is not None else []
+        driven_notes = [DRIVEN] if answer.trials is not None else []
         page = Page(
             kind=f"why · {first_replay.drive.name}",
             title="Why did the robot stop or slow down?",
@@ -103,13 +115,13 @@ def run(options: WhyOptions) -> None:
 def _replayed(path: Path, options: WhyOptions) -> Replay:
     """Return the replay of the drive in a bag."""
     # A robot whose files are wrong is reported before a long bag is read.
-    replay = Replay(options.robot)
-    drive = drive_of(path, options)
-    replay.run(drive)
+    planner = RerunPlanner(options.robot)
+    recording = recording_of(path, options, planner)
+    replay = replay_of(recording, planner, watched(path.name))
     if replay.cycles:
         replay = with_range_of_method(replay)
     # On stderr, so that --json prints nothing but the object
-    for note in drive.notes:
+    for note in replay.drive.notes:
         print(f"{path}: {note}", file=sys.stderr)
     if not replay.cycles:
         raise ApplrError(
@@ -117,6 +129,11 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
             "record the drive from its beginning"
         )
     return replay
+
+
+def watched(name: str) -> Watch:
+    """Return what shows the progress of a replay on a terminal."""
+    return partial(tqdm, desc=name, leave=False, disable=None)
 
 
 def with_range_of_method(replay: Replay) -> Replay:
@@ -127,21 +144,22 @@ def with_range_of_method(replay: Replay) -> Replay:
     note if that is the range.
     """
     best_replay = replay
-    best_range = None
     needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
     for needed_range in needed_ranges - {None}:
         if best_replay.share_of_cycles >= ENOUGH:
             break
-        other_replay = Replay(replay.robot.seeing(needed_range))
-        other_replay.run(replay.drive)
-        if other_replay.reproduced > best_replay.reproduced:
-            best_replay = other_replay
-            best_range = needed_range
-    if best_range is not None:
-        replay.drive.notes.append(
-            f"obstacles are marked up to {best_range:g} m, as the robot's set or policy asks: "
+        note = (
+            f"obstacles are marked up to {needed_range:g} m, as the robot's set or policy asks: "
             "with the range of its files, fewer commands are reproduced"
         )
+        other_recording = replace(
+            replay.recording,
+            robot=replay.robot.seeing(needed_range),
+            drive=replace(replay.drive, notes=[*replay.drive.notes, note]),
+        )
+        other_replay = replay_of(other_recording, watch=watched(replay.drive.name))
+        if other_replay.reproduced > best_replay.reproduced:
+            best_replay = other_replay
     return best_replay
 
 

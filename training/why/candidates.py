@@ -15,9 +15,9 @@ from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import SIGHT_S, crossed_limits
 from applr_ros1.robots.geometry import Box, bounding_box
+from applr_ros1.why.alternatives import LEAST_CHANGE
 
 COSTMAPS = ("local_costmap", "global_costmap")
-LEAST_CHANGE = 0.1  # smallest relative change that is tried
 CPP_PADDING_M = 0.01  # default of the C++ costmap
 CPP_RATE_HZ = 20.0  # default of the C++ move_base
 CPP_OBSTACLE_RANGE_M = 2.5  # defaults of C++'s obstacle layer
@@ -26,19 +26,6 @@ CPP_INFLATION_M = 0.55  # defaults of C++'s inflation layer
 CPP_SCALING = 10.0
 UNUSUAL = 0.4  # logarithm of the ratio to the usual value from which on a value is unusual (1.5)
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
-# Changes of single parameters that are tried if no drive tells more: (parameter of the robot's
-# space, factor on its value), in the order of the attempts. The first ones free most robots.
-FACTORS = (
-    ("occdist_scale", 0.1),
-    ("occdist_scale", 0.01),
-    ("sim_time", 1.5),
-    ("sim_time", 0.6),
-    ("max_vel_x", 0.5),
-    ("goal_distance_bias", 3.0),
-    ("path_distance_bias", 0.3),
-    ("vx_samples", 3.0),
-)
-GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
 
 
 class Candidate(NamedTuple):
@@ -297,50 +284,3 @@ def _limits(planner: str, tree: Dict[str, Any]) -> Iterator[Rated]:
             # The owner's largest value stays.
             change = Change(planner, limits.low, smallest, half)
             yield _rated(smallest / max(half, 0.01), [change])
-
-
-def single_candidates(robot: Robot) -> Iterator[Candidate]:
-    """Yield changes of a single parameter of the planner for a robot that does not drive at all.
-
-    A parameter of the robot's space may stand in several places, which change together.
-    """
-    tree = robot.all_parameters()
-    space = {parameter.name: parameter for parameter in robot.space}
-    for parameter_name, factor in FACTORS:
-        parameter = space.get(parameter_name)
-        if parameter is None:
-            continue
-        places = []
-        for target in parameter.sets:
-            for alias in target.names:
-                places.append((target.server, alias))
-        server, name_at_server = places[0]
-        in_force = branch(tree, server)[name_at_server]
-        short_value = float(f"{factor * in_force:.2g}")
-        new_value = min(max(short_value, parameter.low), parameter.high)
-        yield from _single(tree, places, new_value)
-
-    # The planner must know what the base can do, and a goal must be reachable.
-    planner = robot.local_planner
-    base = robot.base
-    yield from _single(tree, [(planner, "acc_lim_x")], base.max_acceleration)
-    yield from _single(tree, [(planner, "acc_lim_theta")], base.max_yaw_acceleration)
-    yield from _single(tree, [(planner, "yaw_goal_tolerance")], GOAL_TOLERANCE)
-    yield from _single(tree, [(planner, "xy_goal_tolerance")], GOAL_TOLERANCE)
-    yield from _single(tree, [("", "planner_frequency")], 1.0)
-
-
-def _single(
-    tree: Dict[str, Any], places: Sequence[Tuple[str, str]], value: float
-) -> Iterator[Candidate]:
-    """Yield a value for a parameter in all its places (server, name), unless it is in force."""
-    server, name = places[0]
-    in_force = branch(tree, server)[name]
-    # A number of samples stays whole.
-    new_value = type(in_force)(value)
-    if new_value == in_force:
-        return
-    changes = []
-    for server, name in places:
-        changes.append(Change(server, name, branch(tree, server)[name], new_value))
-    yield Candidate(tuple(changes))

@@ -33,7 +33,15 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import LARGE_BUFFER
-from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive, Goal
+from applr_ros1.drives.drive import (
+    ABORTED,
+    REACHED,
+    TIMED_OUT,
+    Decision,
+    Drive,
+    DrivenToGoal,
+    Goal,
+)
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED, ended_early, in_full
 from applr_ros1.drives.page import Scene, Shown, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
@@ -44,6 +52,7 @@ from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
+from .bag_recorder import BagRecorder
 from .launcher import LaunchedNodes, given_arguments, launch_arguments, private_nodes, report
 from .machine_load import LATE, SKIPPED, MachineLoad
 from .send_goal import course_goal
@@ -196,11 +205,11 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     drive = observer.drive(values["sent"], values["limit"], nodes.check)
     load.expect_reports()
     nodes.wait("the diagnostics", lambda: load.is_reported)
-    assert drive.truth is not None
-    goal = drive.goals[-1]
+    truth, goals = drive.require(DrivenToGoal)
+    goal = goals[-1]
     has_touched = bool(len(drive.contacts))
     contact_note = ", with contact" if has_touched else ""
-    report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact_note}")
+    report(f"{goal.reason} after {goal.end:.1f} s and {truth.length:.2f} m{contact_note}")
     spoiled = load.sentence(setup.robot.all_parameters()["controller_frequency"] * goal.end)
     if spoiled:
         report(spoiled)
@@ -213,25 +222,25 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
         time_s=round(goal.end, 2),
         reason=goal.reason,
         timeout=goal.status == TIMED_OUT,
-        path_length_m=round(drive.truth.length, 3),
+        path_length_m=round(truth.length, 3),
         skipped_cycles=load.count(SKIPPED),
         late_decisions=load.count(LATE),
         page=None,
     )
     if values["page"] != "none":
         begins = observer.began - BASE_TIME_S
-        write_bytes(values["page"], _page(drive, setup.robot, begins, result, spoiled))
+        write_bytes(values["page"], _page(drive, setup, begins, result, spoiled))
         result["page"] = values["page"]
         report(result["page"])
 
 
-def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any], spoiled: str) -> bytes:
+def _page(drive: Drive, setup: Setup, begins: float, result: Dict[str, Any], spoiled: str) -> bytes:
     """Return the page of a drive that begins at the world's time `begins` [s].
 
     spoiled: What a busy machine has spoiled, or "".
     """
-    world = drive.world
-    assert world is not None
+    robot = setup.robot
+    world = setup.world
     outline = geometry.outline(robot)
     space = space_of(robot)
     distance_note = "distances are those of the robot's outline in the simulated world"
@@ -284,6 +293,7 @@ class Observer:
         self._scan = "/" + scan_topic.lstrip("/")
         self._has_monitor = boolean("monitor", values["monitor"])
         self._has_movers = boolean("movers", values["movers"])
+        self._has_recorder = values["record"] != "none"
         # A process subscribes to a topic with one type only, and the action client to the status.
         message_types = dict.fromkeys((self._scan, VERDICTS, MOVERS), rospy.AnyMsg)
         message_types[STATUS] = GoalStatusArray
@@ -307,6 +317,8 @@ class Observer:
             yield "monitor", lambda: VERDICTS in self._up
         if self._has_movers:
             yield "movers", lambda: MOVERS in self._up
+        if self._has_recorder:
+            yield "recorder", BagRecorder("/record").is_ready
 
     def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Drive:
         """Send the goal `pose` (x, y, yaw) in odom, and return the drive with its goal's end.
@@ -328,8 +340,7 @@ class Observer:
         while not status:
             time.sleep(0.01)
             check()
-            assert self._latest is not None
-            seconds = self._latest.time - self.began
+            seconds = self._motion.time - self.began
             status, reason = self._end(seconds, limit)
             if seconds - progress_time >= PROGRESS_PERIOD_S:
                 progress_time += PROGRESS_PERIOD_S
@@ -344,11 +355,11 @@ class Observer:
 
     def _begin(self) -> Recorder:
         """Start recording with the latest motion and parameters."""
-        assert self._latest is not None
-        self.began = self._latest.time
+        motion = self._motion
+        self.began = motion.time
         # From here on, callbacks record.
         self._recorder = Recorder(self.world)
-        self._recorder.moved(0.0, self._latest.pose, self._latest.twist)
+        self._recorder.moved(0.0, motion.pose, motion.twist)
         if self._odometry is not None:
             self._recorder.localised(0.0, self._odometry.pose, self._odometry.twist)
         self._record_parameters(0.0)
@@ -356,8 +367,7 @@ class Observer:
 
     def _end(self, seconds: float, limit: float) -> Tuple[str, str]:
         """Return how the drive has ended, and why in words; ("", "") while it goes on."""
-        assert self._latest is not None
-        x, y, _ = self._latest.pose
+        x, y, _ = self._motion.pose
         goal_state = self.client.get_state()
         # The planner may stop short of the course's goal by its own tolerance.
         tolerance = self._tolerance if goal_state == GoalStatus.SUCCEEDED else None
@@ -386,9 +396,9 @@ class Observer:
 
     def _report_progress(self, seconds: float, drive: Drive) -> None:
         """Print the distance to the goal, the speed, and contacts since the last line."""
-        assert self._latest is not None
-        x, y, _ = self._latest.pose
-        speed, _ = self._latest.twist
+        motion = self._motion
+        x, y, _ = motion.pose
+        speed, _ = motion.twist
         course = self.world.course
         distance_left = math.dist(course.goal[:2], (x, y))
         if course.finish_y is not None:
@@ -396,6 +406,17 @@ class Observer:
         has_touched = (drive.contacts > seconds - PROGRESS_PERIOD_S).any()
         contact_note = "   contact" if has_touched else ""
         report(f"{seconds:6.1f} s    {distance_left:5.2f} m to go   {speed:4.2f} m/s{contact_note}")
+
+    @property
+    def _motion(self) -> Reading:
+        """Latest true motion.
+
+        Raises:
+            ApplrError: None has arrived.
+        """
+        if self._latest is None:
+            raise ApplrError("the simulator has not published the robot's motion: wait for `parts`")
+        return self._latest
 
     def _on_message(self, topic: str, _: Any) -> None:
         self._up.add(topic)

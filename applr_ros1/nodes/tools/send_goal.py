@@ -3,8 +3,8 @@
 The move_base is this package's or the C++ one.
 
 Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the course's goal, or
-none), ~world for auto, ~robot (jackal; name or folder of a description), and ~tf_prefix of the
-odometry frame.
+none), ~world for auto, ~robot (jackal; name or folder of a description), ~tf_prefix of the odometry
+frame, and ~recorder (name of a bag recorder that the goal waits for; none if empty).
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
 from applr_ros1.robots import geometry, load
+
+from .bag_recorder import BagRecorder
 
 
 def course_goal(course: worlds.Course) -> Pose:
@@ -53,6 +55,11 @@ def main() -> None:
         client.wait_for_server()
     with announced("waiting for the clock to start (use_sim_time is true)", rospy.loginfo):
         while rospy.get_time() == 0.0 and not rospy.is_shutdown():
+            time.sleep(0.1)
+    recorder_name = str(rospy.get_param("~recorder", ""))
+    if recorder_name:
+        recorder = BagRecorder(recorder_name)
+        while not rospy.is_shutdown() and not recorder.is_ready():
             time.sleep(0.1)
     if rospy.is_shutdown():
         return

@@ -7,7 +7,7 @@ Everything is drawn in the odometry frame, or in the map frame if there is a map
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -16,7 +16,7 @@ from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan, PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
-from applr_ros1.common.angles import compose, transform_point
+from applr_ros1.common.angles import Pose, compose, transform_point
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.nodes.conversions import pose_of
@@ -42,6 +42,7 @@ JUMP_M = 0.5  # distance between successive points above which a new trajectory 
 SIDES = 20  # number of sides of a drawn cylinder
 # Camera for the Jackal: distance behind the robot, height, distance of its target ahead [m]
 VIEW = (3.5, 2.5, 1.0)
+SIGHT_M = 0.1  # tolerance of a reported line of sight [m]
 
 
 class Scene:
@@ -102,8 +103,7 @@ class Scene:
             Marker.CUBE: creation.box(),
         }
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles by name
-        # Camera target relative to the robot [m], by client ID
-        self._aims: Dict[int, Tuple[float, float]] = {}
+        self._views: Dict[int, View] = {}  # by client ID
 
     def draw(self, driving: bool) -> None:
         """Update everything. driving: Whether goal and plans are valid."""
@@ -120,7 +120,8 @@ class Scene:
 
     def forget(self) -> None:
         """Hide old data after the clock jumped back, and reset the cameras to the robot."""
-        self._aims.clear()
+        for view in self._views.values():
+            view.restart()
         self.scan.visible = False
         for handle in self._of_goal:
             handle.visible = False
@@ -254,24 +255,62 @@ class Scene:
         """Move a client's camera with the robot. The camera starts behind the robot."""
         if self.pose is None:
             return
-        x, y, yaw = self.pose
-        camera = client.camera
-        target_offset = self._aims.get(client.client_id)
-        if target_offset is not None:
+        view = self._views.get(client.client_id)
+        if view is None:
+            view = self._views[client.client_id] = View(self._robot.world_scale)
+            client.camera.on_update(view.take_report)
+        view.follow(client.camera, self.pose)
+
+
+class View:
+    """Camera of one client, which starts behind the robot and follows it.
+
+    Args:
+        scale: Size of the robot relative to the Jackal (Robot.world_scale).
+    """
+
+    def __init__(self, scale: float):
+        self._distance_behind, self._height, self._distance_ahead = np.multiply(scale, VIEW)
+        self.restart()
+
+    def restart(self) -> None:
+        """Place the camera behind the robot again."""
+        self._is_placed = False  # whether the client has reported the camera there
+        self._yaw: Optional[float] = None  # direction in which the camera is placed [rad]
+
+    def follow(self, camera: Any, robot_pose: Pose) -> None:
+        """Move the camera with the robot, or place it behind the robot."""
+        x, y, yaw = robot_pose
+        if self._yaw is None:
+            self._yaw = yaw
+        target_x = x + self._distance_ahead * math.cos(self._yaw)
+        target_y = y + self._distance_ahead * math.sin(self._yaw)
+        if self._is_placed:
             # The user may have turned or moved the camera: only the robot's motion is added.
-            offset_x, offset_y = target_offset
-            moved_x = x + offset_x - camera.look_at[0]
-            moved_y = y + offset_y - camera.look_at[1]
+            moved_x = target_x - camera.look_at[0]
+            moved_y = target_y - camera.look_at[1]
             camera.position = camera.position + (moved_x, moved_y, 0.0)
+        else:
+            camera.position = (target_x, target_y, 0.0) - self._line_of_sight(self._yaw)
+            camera.look_at = (target_x, target_y, 0.0)
+
+    async def take_report(self, camera: Any) -> None:
+        """Take the camera's pose from its client.
+
+        While a page opens, it reports its own first pose several times, also after it was told
+        another one. The camera is told again until the client reports it.
+        """
+        if self._yaw is None:
             return
-        distance_behind, height, distance_ahead = np.multiply(self._robot.world_scale, VIEW)
-        offset_x = distance_ahead * math.cos(yaw)
-        offset_y = distance_ahead * math.sin(yaw)
-        self._aims[client.client_id] = (offset_x, offset_y)
-        camera_x = x - distance_behind * math.cos(yaw)
-        camera_y = y - distance_behind * math.sin(yaw)
-        camera.position = (camera_x, camera_y, height)
-        camera.look_at = (x + offset_x, y + offset_y, 0.0)
+        # viser runs a coroutine at once, before the camera's pose is replaced.
+        line_of_sight = camera.look_at - camera.position
+        if np.allclose(line_of_sight, self._line_of_sight(self._yaw), atol=SIGHT_M):
+            self._is_placed = True
+
+    def _line_of_sight(self, yaw: float) -> np.ndarray:
+        """Return the way (3,) from the camera to its target [m], if it was placed at `yaw`."""
+        distance = self._distance_behind + self._distance_ahead
+        return np.array([distance * math.cos(yaw), distance * math.sin(yaw), -self._height])
 
 
 def _pairs(rows: np.ndarray) -> np.ndarray:

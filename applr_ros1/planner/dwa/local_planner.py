@@ -234,6 +234,15 @@ class DWALocalPlanner(LocalPlanner):
         self.cropped_plan = NO_POSES
         self._choice: Optional[Choice] = None
 
+    @property
+    def is_turning(self) -> bool:
+        """Whether it turns the robot to the goal's heading."""
+        return self.stop_rotate.rotating
+
+    @is_turning.setter
+    def is_turning(self, is_turning: bool) -> None:
+        self.stop_rotate.rotating = is_turning
+
     def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Apply new values {name: value} of some or all parameters of the server.
 

@@ -65,7 +65,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         Parameters stay.
         """
         self.planner.reset()
-        self._rotating = False
+        self.is_turning = False
         self._forget_cycle()
         self.set_plan(NO_POSES)
 
@@ -156,7 +156,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         if at_goal and self._latches:
             self._latched = True
         if at_goal and abs(angle_difference(heading, goal_yaw)) <= self._yaw_tolerance:
-            self._rotating = False
+            self.is_turning = False
             self._latched = False
             self.goal_reached = True
             self.cropped_plan = cropped_plan
@@ -184,10 +184,10 @@ class TrajectoryLocalPlanner(LocalPlanner):
         """Return (ok, (v, w)) that stops the robot, then turns it to the goal's yaw."""
         # Once the robot turns, it does not stand, and must not be stopped again.
         is_standing = max(abs(component) for component in velocity) <= STOPPED_VELOCITY
-        if not self._rotating and not is_standing:
+        if not self.is_turning and not is_standing:
             command = braked(velocity, self.accelerations, self._period)
         else:
-            self._rotating = True
+            self.is_turning = True
             command = (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw))
         if self.planner.score(costmap, pose, velocity, command).cost < 0:
             return False, STANDING

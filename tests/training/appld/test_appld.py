@@ -57,7 +57,7 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     assert 0.2 < highest_speed <= robot.base.max_speed
     assert len(drive.scans.ranges[0]) == robot.laser.beams
     world = worlds.scaled(worlds.load("generated:3"), robot.world_scale)
-    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(world.course))
+    assert drive.goal_pose[:2] == pytest.approx(from_start_to_goal(world.course))
 
     # The laser is slower than the control cycle of 0.05 s, in which the odometry comes.
     message_counts = {}
@@ -84,7 +84,7 @@ def test_bag_is_read_as_it_was_driven(bag):
     assert np.abs(measured_speed - commanded_speed).mean() < 0.05
 
     course = worlds.load("generated:3").course
-    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(course))
+    assert drive.goal_pose[:2] == pytest.approx(from_start_to_goal(course))
 
 
 @pytest.mark.parametrize("spec", ["generated:290", "physical_course"])
@@ -144,7 +144,10 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
         list(ranges.astype(np.float32)),
     )
     commands = Commands(time, np.column_stack([speed, yaw_rate]))
-    drive = Drive(scans=scans, commands=commands)
+    motion = Motion(time, time, np.zeros((count, 3)), commands.twist)
+    drive = demonstration.Demonstration(
+        "", scans, motion, commands, goal_pose=(0.0, 0.0, 0.0), source={}
+    )
 
     # When: its contexts are sought
     segments = contexts.find([drive], JACKAL).segments

@@ -796,7 +796,7 @@ def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_met
     if jumps:
         expectation = pytest.raises(Skipped, match="the odometry jumped")
     with expectation:
-        check_motion(Recorded(odometry=odometry), Goal("g", 0.0, seconds))
+        check_motion(odometry, Goal("g", 0.0, seconds))
 
 
 def test_a_contact_is_charged_in_its_decision(bag_path):

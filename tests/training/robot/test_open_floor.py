@@ -13,9 +13,10 @@ from applr_ros1.robots.folder import forget, read
 from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
 from training.robot import open_floor
+from training.robot.failure import STANDS, failure_of
 from training.robot.open_floor import Floor, courses
-from training.why.candidates import single_candidates, with_changes
-from training.why.reasons import STANDS, failure_of
+from training.robot.single_changes import single_candidates
+from training.why.candidates import with_changes
 
 BURGER = load("turtlebot3_burger")
 HUSKY = load("husky")

@@ -20,9 +20,11 @@ from applr_ros1.drives.drive import (
 )
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED
 from applr_ros1.monitor.monitor import REVERSING
-from training.why import events, reasons
-from training.why.events import AT_GOAL, UNHEARD, Limits
-from training.why.reasons import Stretch, failure_of
+from applr_ros1.why import events, reasons
+from applr_ros1.why.events import AT_GOAL, UNHEARD, Limits
+from applr_ros1.why.stretch import Stretch
+from training.robot.failure import STANDS as STANDS_OR_TURNS
+from training.robot.failure import failure_of
 
 RATE_HZ = 20.0
 # top speed [m/s] and turn rate [rad/s]
@@ -63,8 +65,9 @@ def found(drive):
         turn=np.full(row_count, TURN),
         tolerance=0.25,
         scale=1.0,
+        end=drive.end,
     )
-    return events.find(drive, limits)
+    return events.find(drive, drive.odometry, limits)
 
 
 def kinds(drive):
@@ -339,7 +342,7 @@ def test_a_drive_that_arrives_has_not_failed_unless_it_touches_something(stopped
 def test_failures_are_worded_by_their_causes_first(stopped):
     times = stopped.planned.time
     late = failed(stopped)
-    assert late.startswith(f"{reasons.STANDS}, and has not arrived after 9 s")
+    assert late.startswith(f"{STANDS_OR_TURNS}, and has not arrived after 9 s")
     aborted = failed(stopped, ABORTED, "move_base gave up: no way")
     assert aborted == "move_base gave up: no way"
 
@@ -353,7 +356,7 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     rejects = "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
     assert failed(stopped, refusals=many_refusals) == rejects
     few_refusals = Refusals(times, [{}] * 170 + [rejecting_cycle] * 10)
-    assert failed(stopped, refusals=few_refusals).startswith(reasons.STANDS)
+    assert failed(stopped, refusals=few_refusals).startswith(STANDS_OR_TURNS)
 
     # In the last three of nine seconds
     verdicts = Verdicts(

@@ -10,15 +10,20 @@ import pytest
 from applr_ros1.common.angles import compose, inverse, quaternion_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
+from applr_ros1.drives.frames import Tree
 from applr_ros1.robots import JACKAL
+from applr_ros1.why import fitting
+from applr_ros1.why.fitting import followed_plans, plans_of
+from applr_ros1.why.replay import replay_of
+from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
 from training.bags.paths import path_of
 from training.bags.read import BagError, read
 from training.bags.topics import CHANNELS, Maker, TopicNames
-from training.bags.transforms import Tree
 from training.bags.write import BagWriter, write
-from training.why.recorded import RecordedOptions, drive_of, fitted, followed_plans, plans_of
-from training.why.replay import Replay
+from training.why.recorded import RecordedOptions, recording_of
+
+PLANNER = RerunPlanner(JACKAL)
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +34,24 @@ def driven():
 
 
 def read_back(path, **options):
-    """Return the drive that the replay reads from a bag."""
-    return drive_of(path, RecordedOptions(**options))
+    """Return the recording that the replay reads from a bag."""
+    given_options = RecordedOptions(**options)
+    return recording_of(path, given_options, RerunPlanner(given_options.robot))
+
+
+def fitted(drive):
+    """Return the recording of a drive of the Jackal whose columns are made to fit."""
+    return fitting.fitted(drive, PLANNER, JACKAL)
 
 
 def through_a_bag(path, drive):
-    """Return a drive as it is read from the bag that it is written to."""
+    """Return the recording of a drive as it is read from the bag that it is written to."""
     return read_back(write(path, drive))
 
 
-def share(drive):
-    """Return the share of the drive's commands that the replay reproduces."""
-    replayed = Replay(JACKAL)
-    replayed.run(drive)
-    return replayed.share
+def share(recording):
+    """Return the share of a recording's commands that the replay reproduces."""
+    return replay_of(recording).share
 
 
 def links(rows, is_static=False):
@@ -107,7 +116,7 @@ def test_the_plan_comes_from_the_global_planner_where_the_local_planners_is_miss
     driven, tmp_path
 ):
     with_routes_alone = through_a_bag(tmp_path / "navfn.bag", replace(driven, plans=None))
-    assert with_routes_alone.planners == []
+    assert with_routes_alone.drive.planners == []
     assert share(with_routes_alone) > 0.97
     # A bag with both has the local planner's plan, not one that is rebuilt.
     with_both = through_a_bag(tmp_path / "both.bag", driven)
@@ -156,7 +165,7 @@ def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
     drive = straight(10.0, 5.0)
     # The last pose lies 4.25 m behind the one before it, at 4.75 m.
     drive.odometry.pose[-1, 0] = 0.5
-    plans = followed_plans(drive, Tree(None), JACKAL)
+    plans = followed_plans(drive, Tree(None), PLANNER)
     first_plan = plans.path[0]
     last_plan = plans.path[-1]
     assert first_plan[0, 0] == 0.0
@@ -166,29 +175,29 @@ def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
 
 def test_empty_plans_alone_are_replaced_by_parts_of_the_global_planners(driven):
     drive = replace(until(driven, 2.0), frames={"routes": ["odom"]})
-    assert plans_of(drive, Tree(None), JACKAL) is drive.plans
+    assert plans_of(drive, Tree(None), PLANNER) is drive.plans
 
     empty_paths = [np.zeros((0, 3))] * len(drive.plans)
     empty_plans = replace(drive.plans, path=empty_paths)
     drive.plans = empty_plans
-    plans = plans_of(drive, Tree(None), JACKAL)
+    plans = plans_of(drive, Tree(None), PLANNER)
     assert len(plans)
     assert all(map(len, plans.path))
 
     # Without the global planner's, there is nothing to replace them with.
     drive.routes = None
-    assert plans_of(drive, Tree(None), JACKAL) is empty_plans
+    assert plans_of(drive, Tree(None), PLANNER) is empty_plans
 
 
 def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
     drive = straight(2.0, 0.5)
     drive.frames["routes"] = ["map"]
     with pytest.raises(Exception, match="the plan is in map, the odometry in odom: record /tf"):
-        followed_plans(drive, Tree(None), JACKAL)
+        followed_plans(drive, Tree(None), PLANNER)
 
     odom_in_map = (3.0, 0.0, 0.6)
     tree = Tree(links([(0.0, "map", "odom", odom_in_map)], is_static=True))
-    plans = followed_plans(drive, tree, JACKAL)
+    plans = followed_plans(drive, tree, PLANNER)
 
     # A point of the route in map lies on the plan in odom, with its heading there.
     x, y, yaw = compose(inverse(odom_in_map), (4.0, 0.0, 0.0))
@@ -203,7 +212,7 @@ def test_commands_without_a_plan_or_after_the_goal_have_none():
     drive.routes = Plans(np.array([0.5]), drive.routes.path)
     # The route comes after 0.5 s, and the goal is reached after 1.5 s of the 2 s.
     drive.goals = [Goal("g", 0.0, 1.5)]
-    times = followed_plans(drive, Tree(None), JACKAL).time
+    times = followed_plans(drive, Tree(None), PLANNER).time
     assert times.min() == pytest.approx(0.5)
     assert times.max() == pytest.approx(1.5)
 
@@ -373,7 +382,7 @@ def with_later_stamps(drive, **seconds):
 def test_scans_in_the_lasers_own_time_are_refused_as_tf_drops_them(driven, later, words):
     drive = with_later_stamps(framed(driven), scans=later)
     with pytest.raises(ApplrError) as refusal:
-        fitted(drive, RecordedOptions())
+        fitted(drive)
     assert str(refusal.value) == (
         f"scans are stamped 1,234.0 s {words} the odometry: the clocks differ; "
         "set the driver of the laser to the computer's time, or tf drops the scans"
@@ -381,21 +390,21 @@ def test_scans_in_the_lasers_own_time_are_refused_as_tf_drops_them(driven, later
 
 
 def test_scans_that_tf_places_late_are_named(driven):
-    drive = fitted(with_later_stamps(framed(driven), scans=-3.0), RecordedOptions())
-    (note,) = drive.notes
+    drive = fitted(with_later_stamps(framed(driven), scans=-3.0))
+    (note,) = drive.drive.notes
     assert note.startswith("scans are stamped 3.0 s before the odometry: the clocks differ")
-    on_time = fitted(with_later_stamps(framed(driven), scans=-0.2), RecordedOptions())
-    assert on_time.notes == []
+    on_time = fitted(with_later_stamps(framed(driven), scans=-0.2))
+    assert on_time.drive.notes == []
 
 
 def test_velocities_of_odometry_in_the_bases_own_time_are_those_that_came_with_the_poses(driven):
     """The planner takes the latest of both, whatever their stamps."""
     drive = framed(driven)
     drive.transforms = robots_links(drive.odometry)
-    in_own_time = fitted(with_later_stamps(drive, odometry=500.0), RecordedOptions())
-    (note,) = in_own_time.notes
+    in_own_time = fitted(with_later_stamps(drive, odometry=500.0))
+    (note,) = in_own_time.drive.notes
     assert note.startswith("the odometry is stamped 500.0 s after tf: the clocks differ")
-    in_one_time = fitted(drive, RecordedOptions())
+    in_one_time = fitted(drive)
     assert np.array_equal(in_own_time.odometry.twist, in_one_time.odometry.twist)
     assert np.array_equal(in_own_time.odometry.stamp, in_one_time.odometry.stamp)
 
@@ -447,7 +456,7 @@ def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driv
 
     read_back_drive = read_back(bag_path)
 
-    assert read_back_drive.frame == "map"
+    assert read_back_drive.drive.frame == "map"
     assert np.allclose(read_back_drive.odometry.pose, odometry.pose + odom_in_map)
     assert np.allclose(read_back_drive.plans.path[3], plans_in_map[3])
     assert share(read_back_drive) > 0.9
@@ -479,7 +488,7 @@ def test_the_pose_is_tfs_and_the_velocity_the_topics(driven, tmp_path):
     assert share(with_tf) > 0.97
     assert np.allclose(with_tf.odometry.pose, driven.odometry.pose)
     assert np.allclose(with_tf.odometry.twist, driven.odometry.twist)
-    (note,) = with_tf.notes
+    (note,) = with_tf.drive.notes
     assert note.startswith("the odometry topic is not what tf shows: up to 0.")
 
 
@@ -487,7 +496,7 @@ def test_tf_that_equals_the_topic_changes_nothing(driven, tmp_path):
     without_tf = through_a_bag(tmp_path / "a.bag", driven)
     drive = replace(driven, transforms=robots_links(driven.odometry))
     with_tf = through_a_bag(tmp_path / "b.bag", drive)
-    assert with_tf.notes == []
+    assert with_tf.drive.notes == []
     assert np.allclose(with_tf.odometry.pose, without_tf.odometry.pose, rtol=0.0, atol=1e-12)
     assert np.array_equal(with_tf.odometry.twist, without_tf.odometry.twist)
 
@@ -584,16 +593,14 @@ def sent_to_the_end(metres, twist):
 
 
 def test_of_odometry_without_twists_the_poses_are_believed():
-    drive = fitted(sent_to_the_end(1.7, (0.0, 0.0)), RecordedOptions())
-    assert drive.notes == [
+    drive = fitted(sent_to_the_end(1.7, (0.0, 0.0)))
+    assert drive.drive.notes == [
         "the odometry's velocity is 0 while its pose moves at 0.17 m/s: "
         "the planner takes the robot to stand; fill twist"
     ]
     # Events are seen in the motion of the poses, and the planner is given what it was given.
     assert drive.odometry.twist[20:-20, 0] == pytest.approx(0.17)
-    replay = Replay(JACKAL)
-    replay.drive = drive
-    assert replay.measured(100) == (tuple(drive.odometry.pose[100]), (0.0, 0.0))
+    assert drive.measured(100) == (tuple(drive.odometry.pose[100]), (0.0, 0.0))
 
 
 def test_velocities_by_poses_are_known_at_the_begin_and_after_a_gap_in_the_odometry():
@@ -605,7 +612,7 @@ def test_velocities_by_poses_are_known_at_the_begin_and_after_a_gap_in_the_odome
         motion.time[is_kept], motion.stamp[is_kept], motion.pose[is_kept], motion.twist[is_kept]
     )
     # Then: no message takes the robot to stand
-    assert fitted(drive, RecordedOptions()).odometry.twist[:, 0] == pytest.approx(0.17)
+    assert fitted(drive).odometry.twist[:, 0] == pytest.approx(0.17)
 
 
 def test_odometry_too_rare_to_show_a_velocity_keeps_its_twists():
@@ -615,22 +622,22 @@ def test_odometry_too_rare_to_show_a_velocity_keeps_its_twists():
     drive.odometry = Motion(
         motion.time[rows], motion.stamp[rows], motion.pose[rows], motion.twist[rows]
     )
-    fitted_drive = fitted(drive, RecordedOptions())
-    assert len(fitted_drive.notes) == 1
+    fitted_drive = fitted(drive)
+    assert len(fitted_drive.drive.notes) == 1
     assert not fitted_drive.odometry.twist.any()
 
 
 def test_of_odometry_without_poses_the_twists_are_believed():
-    drive = fitted(sent_to_the_end(0.0, (0.3, 0.0)), RecordedOptions())
-    (note,) = drive.notes
+    drive = fitted(sent_to_the_end(0.0, (0.3, 0.0)))
+    (note,) = drive.drive.notes
     assert note.startswith("the odometry's pose stays while its velocity is 0.30 m/s")
     assert np.array_equal(np.unique(drive.odometry.twist), [0.0, 0.3])
 
 
 def test_odometry_that_agrees_is_left_as_it_is():
     original = sent_to_the_end(3.0, (0.3, 0.0))
-    drive = fitted(original, RecordedOptions())
-    assert drive.notes == []
+    drive = fitted(original)
+    assert drive.drive.notes == []
     assert drive.odometry is original.odometry
 
 
@@ -639,22 +646,20 @@ def test_the_lasers_place_is_tfs(driven, tmp_path):
     one_second = until(driven, 1.0)
     as_in_robot_yaml = replace(one_second, transforms=laser_link(JACKAL.laser.pose))
     unmoved = through_a_bag(tmp_path / "a.bag", as_in_robot_yaml)
-    assert unmoved.laser_pose is None
-    assert unmoved.notes == []
+    assert unmoved.laser_pose == JACKAL.laser.pose
+    assert unmoved.drive.notes == []
 
     laser_pose = (0.2, 0.1, 0.5)
     drive = replace(one_second, transforms=laser_link(laser_pose))
     moved = through_a_bag(tmp_path / "b.bag", drive)
     assert moved.laser_pose == pytest.approx(laser_pose)
-    (note,) = moved.notes
+    (note,) = moved.drive.notes
     assert note.startswith("tf has the laser at (0.20, 0.10) m, 0.50 rad, robot.yaml at (0.06")
 
     # The replay's costmaps get the scan from there. The robot moves a little until its first scan.
-    replay = Replay(JACKAL)
-    replay.drive = moved
     first_pose = tuple(moved.odometry.pose[0])
     expected_pose = compose(first_pose, laser_pose)
-    assert replay.scan(0).sensor_pose == pytest.approx(expected_pose, abs=0.02)
+    assert moved.scan(0).sensor_pose == pytest.approx(expected_pose, abs=0.02)
 
 
 def test_a_laser_upside_down_has_its_beams_in_reverse(driven, bag_path):
@@ -675,7 +680,7 @@ def test_a_laser_upside_down_has_its_beams_in_reverse(driven, bag_path):
         transforms=laser_link(JACKAL.laser.pose, rotation=(1.0, 0.0, 0.0, 0.0)),
     )
     read_back_drive = through_a_bag(bag_path, drive)
-    assert read_back_drive.notes == [
+    assert read_back_drive.drive.notes == [
         "the laser is mounted upside down (tf): its beams are taken in reverse"
     ]
     assert np.array_equal(read_back_drive.scans.ranges[3], upright_scans.ranges[3])
@@ -688,7 +693,7 @@ def test_a_tilted_laser_is_said(driven, bag_path):
     tilted_link = laser_link(JACKAL.laser.pose, rotation=rotation)
     drive = replace(until(driven, 1.0), transforms=tilted_link)
     read_back_drive = through_a_bag(bag_path, drive)
-    assert read_back_drive.notes == ["tf tilts the laser by 11 degrees: it is taken as level"]
+    assert read_back_drive.drive.notes == ["tf tilts the laser by 11 degrees: it is taken as level"]
 
 
 def test_another_laser_is_taken_if_tf_knows_its_place(driven, tmp_path):

@@ -2,7 +2,6 @@
 that follows.
 """
 
-import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,19 +13,22 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.events import ASKED, Event
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
-from training.bags.seen_world import seen_grid, seen_world, write_map
 from training.robot.open_floor import courses
-from training.why import answer, diagnosis, whole_drives
+from training.robot.single_changes import single_candidates
+from training.why import answer, remedies, whole_drives
+from training.why.answer import Answer
 from training.why.candidates import (
     Candidate,
     file_candidates,
     recorded_changes,
-    single_candidates,
     with_changes,
 )
-from training.why.events import Event
-from training.why.replay import Replay
+from training.why.seen_world import seen_grid, seen_world, write_map
 from training.why.whole_drives import Arrival, Course, Trials, Tried, try_out
 from training.workers.pool import Pool
 from worlds.loading import load
@@ -61,7 +63,7 @@ def cell_of(grid, x, y):
 
 def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
     drive, world = door
-    grid = seen_grid(drive, JACKAL)
+    grid = seen_grid(Recording.of(drive, JACKAL))
     occupied = is_occupied(grid.cells)
     start_x, start_y, _ = drive.odometry.pose[0]
     door_y = world.boxes[0][1] + start_y
@@ -87,7 +89,7 @@ def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
 
 def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
     drive, _ = door
-    grid = seen_grid(drive, JACKAL)
+    grid = seen_grid(Recording.of(drive, JACKAL))
     map_file = str(tmp_path / "seen.yaml")
 
     write_map(grid, map_file)
@@ -105,7 +107,7 @@ def test_a_robot_can_drive_in_a_written_map(door, tmp_path):
     """Without an edge, all free cells would be outside of the building."""
     drive, _ = door
     map_file = str(tmp_path / "seen.yaml")
-    write_map(seen_grid(drive, JACKAL), map_file)
+    write_map(seen_grid(Recording.of(drive, JACKAL)), map_file)
     map_world = load(f"{map_file}:0")
     assert len(map_world.boxes)
 
@@ -231,7 +233,7 @@ def course(door):
     robot = with_changes(JACKAL, [SPOILT], "jackal")
     start = (0.0, 0.0, np.pi / 2)
     goal = (0.0, 5.0, np.pi / 2)
-    world = seen_world(seen_grid(drive, JACKAL), "seen", start, goal)
+    world = seen_world(seen_grid(Recording.of(drive, JACKAL)), "seen", start, goal)
     return Course(robot, world, has_monitor=False, limit=25.0)
 
 
@@ -375,13 +377,13 @@ def test_a_guess_that_goes_far_is_also_tried_by_a_factor_of_two(replayed):
         return SimpleNamespace(change=change)
 
     # These guesses change the parameter by a factor of 40.
-    (mild,) = diagnosis.milder(replayed, guess(0.4, 0.01))
+    (mild,) = remedies.milder(replayed, guess(0.4, 0.01))
     assert mild.changes == (Change(PLANNER, "occdist_scale", 0.4, 0.2),)
-    (mild,) = diagnosis.milder(replayed, guess(0.01, 0.4))
+    (mild,) = remedies.milder(replayed, guess(0.01, 0.4))
     assert mild.changes[0].after == 0.02
 
     # One by a factor of 4 is mild already.
-    assert diagnosis.milder(replayed, guess(0.4, 0.1)) == []
+    assert remedies.milder(replayed, guess(0.4, 0.1)) == []
 
 
 def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
@@ -423,21 +425,13 @@ def replayed(door):
     """Return the replay of the drive through the door."""
     drive, _ = door
     robot = with_changes(JACKAL, [SPOILT], "jackal")
-    replay = Replay(robot)
-    replay.run(drive)
-    return replay
+    return replay_of(Recording.of(drive, robot))
 
 
 def diagnosed(replay, trials=None, guesses=()):
-    """Return a diagnosis of a replay with one event, at the door."""
+    """Return the answer for a replay with one event, at the door."""
     event = Event("stood", begin=3.0, end=9.0, place=(0.0, 0.3), reason="a reason")
-    return diagnosis.Diagnosis(
-        replay,
-        [event],
-        explained=[[]],
-        guesses=list(guesses),
-        trials=trials,
-    )
+    return Answer(Diagnosis(replay, [event], explained=[[]]), guesses, trials)
 
 
 def tried(candidate, *seconds, limit=25.0):
@@ -500,44 +494,43 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
 
 
 def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
-    short_diagnosis = diagnosed(replayed)
-    (event,) = short_diagnosis.events
+    short_answer = diagnosed(replayed)
+    (event,) = short_answer.diagnosis.events
     event.end = event.begin + 0.1
     line = "No change was tried: the robot lost little time."
-    assert answer.advice(short_diagnosis) == [line]
+    assert answer.advice(short_answer) == [line]
     # A moment that somebody asks about is short, too.
-    event.kind = diagnosis.ASKED
-    assert answer.advice(short_diagnosis) == []
+    event.kind = ASKED
+    assert answer.advice(short_answer) == []
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
     trials = Trials(tried(None, 12.0), None, [])
     far_away = diagnosed(replayed, trials)
-    far_away.events[0].place = (4.0, 4.0)
+    far_away.diagnosis.events[0].place = (4.0, 4.0)
     assert "the robot does not stop there." in answer.how_sure(far_away)
 
 
 def test_a_doubtful_replay_is_called_so(replayed):
-    doubtful = Replay(JACKAL)
-    doubtful.drive = replayed.drive
-    # A third of the commands is not reproduced. Copies, because other tests use these cycles.
-    doubtful.cycles = list(map(copy.copy, replayed.cycles))
-    for cycle in doubtful.cycles[::3]:
-        cycle.error = 1.0
+    # A third of the commands is not reproduced.
+    cycles = list(replayed.cycles)
+    for row in range(0, len(cycles), 3):
+        cycles[row] = replace(cycles[row], error=1.0)
+    doubtful = replace(replayed, cycles=cycles)
     certainty = answer.how_sure(diagnosed(doubtful))
     assert "few, so the planner's reasons are not to be trusted" in certainty
 
 
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
     drive, world = door
-    assert diagnosis.goal_of(drive) == pytest.approx(world.course.goal)
+    assert Recording.of(drive, JACKAL).goal == pytest.approx(world.course.goal)
 
 
 def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     replayed, monkeypatch
 ):
     limits = []
-    monkeypatch.setattr(diagnosis, "try_out", lambda course, *rest: limits.append(course.limit))
+    monkeypatch.setattr(remedies, "try_out", lambda course, *rest: limits.append(course.limit))
     drive = replayed.drive
     x, y, _ = drive.odometry.pose[-1]
     # The drive ended 3 m before the end of its route, and then 1 m before it, as good as there.
@@ -545,10 +538,9 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
         goal_pose = [x, y + distance, np.pi / 2]
         path = np.array([[0.0, 0.0, np.pi / 2], goal_pose])
         routes = replace(drive.routes, path=[path] * len(drive.routes))
-        replay = Replay(replayed.robot)
-        replay.run(replace(drive, routes=routes))
+        replay = replay_of(Recording.of(replace(drive, routes=routes), replayed.robot))
         with Pool(0) as pool:
-            diagnosis.diagnose(replay, None, pool)
+            remedies.driven_trials(diagnose(replay), [], pool)
 
     limit_on_its_way, limit_at_its_goal = limits
     assert limit_on_its_way == whole_drives.LONGEST_LIMIT_S
@@ -559,7 +551,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
 
 def test_a_moment_outside_the_drive_is_refused(replayed):
     with pytest.raises(ApplrError, match="--at 500: outside the drive, give "):
-        diagnosis.diagnose(replayed, 500.0)
+        diagnose(replayed, 500.0)
 
 
 def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(replayed):
@@ -569,12 +561,10 @@ def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(repla
     # An event of eleven seconds, and one of one second
     long_event = Event("crept", 1.0, 12.0, (0.0, 0.3))
     short_event = Event("crept", 1.0, 2.0, (0.0, 0.3))
-    assert diagnosis.Diagnosis(replayed, [long_event]).wants_remedy
-    assert not diagnosis.Diagnosis(replayed, [short_event]).wants_remedy
+    assert Diagnosis(replayed, [long_event]).wants_remedy
+    assert not Diagnosis(replayed, [short_event]).wants_remedy
 
     slow_top_speed = Change(PLANNER, "max_vel_x", 0.5, 0.1)
     slow_robot = with_changes(JACKAL, [SPOILT, slow_top_speed], "jackal")
-    slow_replay = Replay(slow_robot)
-    slow_replay.drive = replayed.drive
-    slow_replay.cycles = replayed.cycles
-    assert not diagnosis.Diagnosis(slow_replay, [long_event]).wants_remedy
+    slow_replay = replay_of(Recording.of(replayed.drive, slow_robot))
+    assert not Diagnosis(slow_replay, [long_event]).wants_remedy

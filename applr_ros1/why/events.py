@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Iterator, List, NamedTuple, Tuple
 
 import numpy as np
-from typing_extensions import override
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
-from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
+from applr_ros1.why.stretch import SILENT_S, SLOW, STILL_SPEED, STILL_TURN
 
-# Shares of the top speed below which a robot creeps, and is slow.
-CREEPS = 0.25
-SLOW = 0.6
+CREEPS = 0.25  # share of the top speed below which a robot creeps
 # Shortest durations that count as an event [s]. A robot that turns, swings or backs out for a
 # moment drives as it should, and even a sound drive is slow for some seconds beside an obstacle.
 STOOD_S = 1.0
@@ -38,6 +36,8 @@ TRAP_S = 10.0
 AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
+ASKED = "the moment asked about"
+AROUND_S = 0.5  # time around a moment that is asked about [s]
 
 
 class Limits(NamedTuple):
@@ -48,12 +48,14 @@ class Limits(NamedTuple):
         turn: (n,) top turn rate [rad/s].
         tolerance: Distance from the goal at which the robot has arrived [m].
         scale: Size of the robot relative to the Jackal's.
+        end: Time of the drive's last message [s].
     """
 
     speed: np.ndarray
     turn: np.ndarray
     tolerance: float
     scale: float
+    end: float
 
 
 @dataclass
@@ -79,7 +81,6 @@ class Event:
         """Duration [s]."""
         return self.end - self.begin
 
-    @override
     def __str__(self) -> str:
         x, y = self.place
         return f"{self.begin:.1f} to {self.end:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"
@@ -99,11 +100,14 @@ class Kind(NamedTuple):
     happens: np.ndarray
 
 
-def find(drive: Drive, limits: Limits) -> List[Event]:
-    """Return the events of a drive in order of time. Those at one place are one event, a trap."""
-    drive.require("odometry")
-    odometry = drive.odometry
-    assert odometry is not None
+def find(drive: Drive, odometry: Motion, limits: Limits) -> List[Event]:
+    """Return the events of a drive in order of time. Those at one place are one event, a trap.
+
+    Args:
+        drive: The drive.
+        odometry: Motion in which events are seen.
+        limits: What it is measured by.
+    """
     at_goal = distances_to_goal(drive, odometry) <= limits.tolerance
     is_pursued = pursued(drive, odometry)
     is_under_way = is_pursued & ~at_goal
@@ -125,9 +129,24 @@ def find(drive: Drive, limits: Limits) -> List[Event]:
         if event.seconds >= AT_GOAL_S:
             found_events.append(event)
 
-    found_events += _unheard(drive, odometry)
+    found_events += _unheard(odometry, is_pursued, limits.end)
     found_events.sort(key=lambda event: event.begin)
     return list(_traps(found_events, TRAP_M * limits.scale))
+
+
+def around(at: float, odometry: Motion, limits: Limits) -> Event:
+    """Return the time around a moment [s] as an event.
+
+    Raises:
+        ApplrError: The moment is outside the drive.
+    """
+    drive_begin = float(odometry.time[0])
+    if not drive_begin <= at <= limits.end:
+        remedy = f"give {drive_begin:.1f} to {limits.end:.1f} s"
+        raise ApplrError(f"--at {at:g}: outside the drive, {remedy}")
+    latest_row = int(np.searchsorted(odometry.time, at, side="right")) - 1
+    x, y, _ = odometry.pose[max(latest_row, 0)].tolist()
+    return Event(ASKED, at - AROUND_S, at + AROUND_S, (x, y))
 
 
 def _kinds(odometry: Motion, limits: Limits) -> Iterator[Kind]:
@@ -211,25 +230,22 @@ def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
     to_goal = np.full(len(odometry), np.inf)
     if drive.plans is None:
         return to_goal
-    for row, row_time in enumerate(odometry.time):
-        plan_row = drive.plans.latest(row_time)
-        if plan_row < 0:
-            continue
+    plan_rows = np.searchsorted(drive.plans.time, odometry.time, side="right") - 1
+    for row, plan_row in enumerate(plan_rows.tolist()):
         plan = drive.plans.path[plan_row]
-        if len(plan):
+        if plan_row >= 0 and len(plan):
             dx, dy = plan[-1, :2] - odometry.pose[row, :2]
             to_goal[row] = np.hypot(dx, dy)
     return to_goal
 
 
-def _unheard(drive: Drive, odometry: Motion) -> List[Event]:
+def _unheard(odometry: Motion, is_pursued: np.ndarray, drive_end: float) -> List[Event]:
     """Return the gaps of the odometry above SILENT_S [s] that begin while the robot has a goal.
 
-    The last gap may last from the last odometry message to the last message of the drive.
+    The last gap may last from the last odometry message to the end of the drive [s].
     """
     silences = []
-    times = np.append(odometry.time, last_time(drive))
-    is_pursued = pursued(drive, odometry)
+    times = np.append(odometry.time, drive_end)
     for row in np.flatnonzero(np.diff(times) > SILENT_S):
         # Before its first goal and after its last one, nobody waits for the robot.
         if is_pursued[row]:

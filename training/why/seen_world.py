@@ -14,8 +14,9 @@ import yaml
 
 from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.files import write_bytes
-from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.drives.drive import Motion, Scans
 from applr_ros1.robots import Robot
+from applr_ros1.why.recording import Recording
 from worlds import Course, World
 from worlds.map_reader import FREE, OCCUPIED, boxes
 from worlds.world import NO_CIRCLE_M, Grid
@@ -56,19 +57,13 @@ class Raster(NamedTuple):
     shape: Tuple[int, int]
 
 
-def seen_grid(drive: Drive, robot: Robot) -> Grid:
-    """Return the map that the laser saw, in the odometry frame.
-
-    Raises DriveError if odometry or scans are missing.
-    """
-    drive.require("odometry", "scans")
-    assert drive.odometry is not None
-    assert drive.scans is not None
-    laser_pose = drive.laser_pose or robot.laser.pose
-    rays = _rays(drive.scans, drive.odometry, laser_pose)
+def seen_grid(recording: Recording) -> Grid:
+    """Return the map that the laser saw, in the odometry frame."""
+    odometry = recording.odometry
+    rays = _rays(recording.scans, odometry, recording.laser_pose)
     beam_ends = rays.origins + rays.lengths[:, None] * rays.directions
     hit_points = beam_ends[rays.hits]
-    driven_path = drive.odometry.pose[:, :2]
+    driven_path = odometry.pose[:, :2]
     raster = _raster_around(np.vstack([hit_points, driven_path]))
 
     # A cell is occupied if enough of the beams that reach it end there: single beams end in free
@@ -79,7 +74,7 @@ def seen_grid(drive: Drive, robot: Robot) -> Grid:
     hit_share = ending_beams / np.maximum(reaching_beams, 1)
     is_occupied = (ending_beams >= HITS) & (hit_share >= HIT_SHARE)
     # The robot was there, so that nothing else was.
-    is_occupied &= ~_driven_over(drive.odometry, robot, raster)
+    is_occupied &= ~_driven_over(odometry, recording.robot, raster)
     cells = np.where(is_occupied, OCCUPIED, FREE).astype(np.int8)
     x, y = raster.corner.tolist()
     return Grid(cells, RESOLUTION_M, (x, y, 0.0))

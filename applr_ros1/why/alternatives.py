@@ -9,23 +9,27 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
-from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
-from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
-from training.why.candidates import LEAST_CHANGE
-from training.why.explanation import arc, lethal_points
-from training.why.replay import Cycle, Replay
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
+# Alternatives drive on from so many cycles of all events, and at least so many of each event.
+CYCLES = 8
+LEAST = 3
+LEAD_S = 2.0  # time before an event from which these cycles begin: the way into it shows most [s]
+EARLY = 2.0  # how much early ones among them are preferred, see some()
 AHEAD = 40  # number of control cycles for which the planner drives on
 FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
 FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
+LEAST_CHANGE = 0.1  # smallest relative change that is tried
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
 # Parameters that are not tried
@@ -102,7 +106,6 @@ class Alternative:
         is_away = self.change.leads_away(self.default)
         return is_away, -_distance(before, self.default), _distance(before, after)
 
-    @override
     def __str__(self) -> str:
         speeds = f"{self.before.speed:.2f} -> {self.after.speed:.2f} m/s along the plan"
         clearances = f"{self.before.clearance:.2f} -> {self.after.clearance:.2f} m from obstacles"
@@ -118,12 +121,40 @@ def _distance(a: float, b: float) -> float:
     return abs(a - b)
 
 
+def guesses_of(diagnosis: Diagnosis) -> List[Alternative]:
+    """Return alternatives, those with which the planner drives on fastest first."""
+    # No parameter helps a robot that stops for a part of itself.
+    if diagnosis.part is not None:
+        return []
+    replay = diagnosis.replay
+    cycle_counts = []
+    cycles_of_events: Set[int] = set()
+    for event in diagnosis.events:
+        cycles = replay.between(event.begin, event.end)
+        cycle_counts.append(len(cycles))
+        cycles_of_events.update(map(id, cycles))
+    cycle_total = sum(cycle_counts)
+    if not cycle_total:
+        return []
+    other_cycles = []
+    for cycle in replay.cycles:
+        if id(cycle) not in cycles_of_events:
+            other_cycles.append(cycle)
+
+    # Longer events count more, but each of them a little.
+    tried_from: List[ReplayedCycle] = []
+    for event, cycle_count in zip(diagnosis.events, cycle_counts):
+        time_share = cycle_count / cycle_total
+        cycles_with_lead = replay.between(event.begin - LEAD_S, event.end)
+        tried_from += some(cycles_with_lead, max(LEAST, round(CYCLES * time_share)), EARLY)
+    return best_changes(replay, changes_to_try(replay), tried_from, some(other_cycles, CYCLES))
+
+
 def changes_to_try(replay: Replay) -> List[Change]:
     """Return changes of parameters of the local planner and of the local inflation layers."""
-    layers = [f"local_costmap/{layer.name}" for layer in replay.costmap.inflation_layers]
     changes = []
-    for server in (replay.server, *layers):
-        for parameter in replay.move_base.servers[server].parameters:
+    for server in replay.planner.tunable_servers:
+        for parameter in replay.planner.parameters(server):
             in_force = replay.settings[server].get(parameter.name, "")
             if parameter.name in LEFT_OUT or isinstance(in_force, str):
                 continue
@@ -156,7 +187,7 @@ def _other_values(parameter: Parameter, value: Any) -> List[Any]:
 
 
 def drive_on(
-    replay: Replay, cycles: Sequence[Cycle], change: Optional[Change] = None
+    replay: Replay, cycles: Sequence[ReplayedCycle], change: Optional[Change] = None
 ) -> np.ndarray:
     """Drive on from cycles, with another value of a parameter or with those in force.
 
@@ -169,32 +200,17 @@ def drive_on(
         settings = cycle.settings
         if change is not None:
             settings = settings.with_(*together(settings, change))
-        replay.put_in_force(settings)
-        replay.costmap.restore(cycle.map, cycle.pose)
-        replay.begin(cycle)
-        track = _track(replay, cycle)
+        track, lethal_points = replay.ahead(cycle, settings, AHEAD)
         # Every fourth position is near enough to the next one: 0.1 m at 0.5 m/s.
-        clearances = distances(track[::4, None], lethal_points(replay))
-        speed = _speed_along(cycle.plan, track, replay)
+        clearances = distances(track[::4, None], lethal_points)
+        speed = _speed_along(cycle.plan, track, AHEAD * replay.planner.period)
         results.append((speed, clearances.min(initial=np.inf)))
     # Without cycles there are no rows, but two columns.
     return np.array(results).reshape(-1, 2)
 
 
-def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
-    """Return the positions (AHEAD + 1, 2) [m] of the robot if it follows the planner's commands."""
-    poses = [cycle.pose]
-    twist = cycle.twist
-    while len(poses) <= AHEAD:
-        # The base is taken to reach each command at once.
-        twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
-        v, w = twist
-        poses.append(arc(poses[-1], v, w, replay.period))
-    return np.array(poses)[:, :2]
-
-
-def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
-    """Return the mean speed of a track along a plan (n, 3) [m/s]."""
+def _speed_along(plan: np.ndarray, track: np.ndarray, seconds: float) -> float:
+    """Return the mean speed [m/s] of a track of some seconds along a plan (n, 3)."""
     points = plan[:, :2]
     way_lengths = travelled(points)
 
@@ -202,7 +218,7 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     first_point = distances(points, track[0]).argmin()
     last_point = distances(points, track[-1]).argmin()
     gained_way = float(way_lengths[last_point] - way_lengths[first_point])
-    speed: float = gained_way / (AHEAD * replay.period)
+    speed: float = gained_way / seconds
     return speed
 
 
@@ -221,8 +237,8 @@ def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
 def best_changes(
     replay: Replay,
     changes_tried: Sequence[Change],
-    cycles: Sequence[Cycle],
-    others: Sequence[Cycle],
+    cycles: Sequence[ReplayedCycle],
+    others: Sequence[ReplayedCycle],
 ) -> List[Alternative]:
     """Return the best change of each parameter with which the planner drives on faster.
 
@@ -240,7 +256,8 @@ def best_changes(
     speeds_before, clearances_before = results_before.T
     # No change may bring the robot nearer to obstacles than it was, or than it fits.
     nearest_before = clearances_before.min(initial=np.inf)
-    nearest = min(nearest_before, replay.costmap.inscribed_radius - replay.costmap.resolution)
+    inscribed_radius = replay.planner.inscribed_radius(cycles[-1].settings)
+    nearest = min(nearest_before, inscribed_radius - replay.planner.resolution)
     settings = cycles[0].settings
     by_parameter: Dict[Tuple[str, str], List[Alternative]] = {}
     for change_tried in changes_tried:
@@ -253,8 +270,7 @@ def best_changes(
                 continue
             results_after = drive_on(replay, cycles, change)
             _, clearances = results_after.T
-            declared = replay.move_base.servers[change.server].declared(change.name)
-            assert declared is not None
+            declared = by_name(replay.planner.parameters(change.server))[change.name]
             alternative = Alternative(
                 together(settings, change),
                 declared.default,

@@ -6,28 +6,27 @@ nothing is commanded, and a command that the collision monitor stops moves nothi
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from dataclasses import dataclass
-from typing import Callable, DefaultDict, List, Optional, Sequence, TypeVar
+from collections import defaultdict
+from typing import DefaultDict, List, Optional
 
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
-from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED, in_full
+from applr_ros1.drives.drive import Rows
 from applr_ros1.monitor.monitor import REVERSING
+from applr_ros1.why.stretch import (
+    SILENT_S,
+    STILL_SPEED,
+    STILL_TURN,
+    Stretch,
+    durations,
+    latest_rows,
+)
 
-SomeRows = TypeVar("SomeRows", bound=Rows)
-STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
-DRIVE_SHARE = 0.1  # share of a drive from which on an observation is the reason of its failure
 BEFORE_S = 1.0  # time before a stop in which its cause may lie [s]
-# A source is silent if it sends nothing for longer than this [s], and than so many usual gaps.
-SILENT_S = 1.0
-SILENT_PERIODS = 5.0
-# A base stands below these, and a command asks for motion from these on [m/s, rad/s].
-STILL_SPEED = 0.03
-STILL_TURN = 0.1
+SILENT_PERIODS = 5.0  # shortest silence of a source, in its usual gaps
+# A command asks for motion from these on [m/s, rad/s].
 DRIVES_SPEED = 0.05
 DRIVES_TURN = 0.2
 PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
@@ -35,9 +34,6 @@ PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
 # planner that keeps changing its direction is delayed for less.
 DELAYED_SHARE = 0.3
 PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
-# Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
-SLIP_RATIO = 2.0
-SLIP_M = 1.0
 # A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
 HELD_M = 0.5
 SAME_SCAN_M = 0.03
@@ -45,77 +41,6 @@ SAME_SCAN_M = 0.03
 JUMP_M = 0.3
 JUMP_TURN = 0.5
 LATE = 2.0  # ratio of the interval between commands to the control period that is late
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Part of a drive in which the robot did not drive as it should.
-
-    Attributes:
-        drive: The drive.
-        begin: Begin [s].
-        end: End [s].
-        share: Share of the stretch from which on an observation is its reason.
-        period: Control period of the planner [s]; 0 if it is unknown.
-    """
-
-    drive: Drive
-    begin: float
-    end: float
-    share: float
-    period: float = 0.0
-
-    @property
-    def seconds(self) -> float:
-        """Duration [s]."""
-        return self.end - self.begin
-
-    def part(self, rows: Optional[SomeRows]) -> Optional[SomeRows]:
-        """Return the rows of the stretch, or None if there are none."""
-        if rows is None:
-            return None
-        rows_of_stretch = rows.between(self.begin, self.end)
-        return rows_of_stretch if len(rows_of_stretch) else None
-
-    def is_reason(self, seconds: float) -> bool:
-        """Return whether an observation that holds for this time [s] counts as the reason."""
-        return self.seconds > 0.0 and seconds > self.share * self.seconds
-
-
-Finder = Callable[[Stretch], str]  # Returns a reason in words, or "".
-
-
-def failure_of(drive: Drive) -> str:
-    """Return in words why the last goal of a drive was not reached without a contact.
-
-    The result is "" if it was. The drive needs goals, truth, routes, refusals and commands.
-    """
-    drive.require("goals", "truth")
-    goal = drive.goals[-1]
-    touches = "it touches something" if len(drive.contacts) else ""
-    if goal.status == REACHED:
-        return touches
-    stretch = Stretch(drive, goal.begin, goal.end, DRIVE_SHARE)
-    reason = ""
-    # A planner that has arrived by its odometry was not kept from driving.
-    if goal.reason != ODOMETRY_ARRIVED:
-        reason = first_of((no_plan, refused, held, slipping), stretch)
-    if not reason and goal.status == ABORTED:
-        reason = in_full(drive)
-    if not reason:
-        reason = f"{STANDS}, and has not arrived after {stretch.seconds:.0f} s"
-    if touches:
-        return f"{touches}, and {reason}"
-    return reason
-
-
-def first_of(finders: Sequence[Finder], stretch: Stretch) -> str:
-    """Return the words of the first finder that has some, or ""."""
-    for find in finders:
-        reason_in_words = find(stretch)
-        if reason_in_words:
-            return reason_in_words
-    return ""
 
 
 # -- sources ---------------------------------------------------------------------------------------
@@ -142,22 +67,13 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     if rows is None or len(rows) < 2:
         return 0.0
     # A source that ends is silent until the end of the drive.
-    times = np.append(rows.time, max(rows.time[-1], last_time(stretch.drive)))
+    times = np.append(rows.time, max(rows.time[-1], stretch.drive.end))
     gaps = np.diff(times)
     usual_gap = float(np.median(gaps))
     is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual_gap)
     begins_in_time = times[:-1] < stretch.end
     ends_in_time = times[1:] > stretch.begin - BEFORE_S
     return float(gaps[is_long & begins_in_time & ends_in_time].max(initial=0.0))
-
-
-def last_time(drive: Drive) -> float:
-    """Return the time of the last message of a drive [s]."""
-    latest_time = 0.0
-    for rows in (drive.odometry, drive.scans, drive.planned, drive.commands):
-        if rows is not None and len(rows):
-            latest_time = max(latest_time, float(rows.time[-1]))
-    return latest_time
 
 
 def jumping(stretch: Stretch) -> str:
@@ -218,27 +134,6 @@ def recovering(stretch: Stretch) -> str:
     return "a recovery behaviour ran"
 
 
-def refused(stretch: Stretch) -> str:
-    """Return that the local planner rejected every velocity, and by which critic, or ""."""
-    cycles = stretch.part(stretch.drive.refusals)
-    if cycles is None:
-        return ""
-    # Of cycles with a valid velocity, no critics are recorded.
-    rejecting = [critics for critics in cycles.critics if critics]
-    share = len(rejecting) / len(cycles)
-    if share <= stretch.share:
-        return ""
-    rejected: Counter[str] = Counter()
-    for critics in rejecting:
-        rejected.update(critics)
-    del rejected["samples"]  # It counts the velocities themselves.
-    critic = rejected.most_common(1)[0][0]
-    return (
-        f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, "
-        f"mostly by {critic}"
-    )
-
-
 def late(stretch: Stretch) -> str:
     """Return that the planner missed its control rate, or ""."""
     commands = stretch.part(stretch.drive.planned)
@@ -256,7 +151,7 @@ def held(stretch: Stretch) -> str:
     verdicts = stretch.part(stretch.drive.verdicts)
     if verdicts is None:
         return ""
-    seconds = _durations(verdicts, stretch.end)
+    seconds = durations(verdicts, stretch.end)
     blocked_s: DefaultDict[str, float] = defaultdict(float)  # time by reason [s]
     delayed_s = 0.0
     for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
@@ -283,13 +178,13 @@ def stopped(stretch: Stretch) -> str:
         return ""
     asks_for_motion = _asks_for_motion(planned.twist)
     # What reaches the base may come a little later than the planner's command.
-    command_rows = _latest_rows(drive.commands, planned.time + PASS_ON_S)
+    command_rows = latest_rows(drive.commands, planned.time + PASS_ON_S)
     passed_commands = drive.commands.twist[command_rows]
     is_little = np.abs(passed_commands) <= PASSED * np.abs(planned.twist)
     # The base may still brake before a change of direction.
     is_little |= passed_commands * planned.twist < 0.0
     is_stopped = asks_for_motion & is_little.all(axis=1)
-    seconds = _durations(planned, stretch.end)
+    seconds = durations(planned, stretch.end)
     if not stretch.is_reason(float(seconds[is_stopped].sum())):
         return ""
     speed = _in_words(planned.twist[is_stopped])
@@ -306,30 +201,13 @@ def unmoved(stretch: Stretch) -> str:
     if commands is None or drive.odometry is None:
         return ""
     asks_for_motion = _asks_for_motion(commands.twist)
-    seconds = _durations(commands, stretch.end)
-    odometry_rows = _latest_rows(drive.odometry, commands.time)
+    seconds = durations(commands, stretch.end)
+    odometry_rows = latest_rows(drive.odometry, commands.time)
     speed, turn_rate = np.abs(drive.odometry.twist[odometry_rows]).T
     stands = asks_for_motion & (speed < STILL_SPEED) & (turn_rate < STILL_TURN)
     if not stretch.is_reason(float(seconds[stands].sum())):
         return ""
     return f"the base did not follow its commands of {_in_words(commands.twist[stands])}"
-
-
-def slipping(stretch: Stretch) -> str:
-    """Return that the robot moved much less than was commanded, or "".
-
-    Wheels that slip turn without moving it.
-    """
-    commands = stretch.part(stretch.drive.commands)
-    motion = stretch.part(stretch.drive.truth)
-    if commands is None or motion is None:
-        return ""
-    speeds = np.abs(commands.twist[:, 0])
-    commanded = float(speeds @ _durations(commands, stretch.end))
-    driven = motion.length
-    if commanded <= SLIP_M + SLIP_RATIO * driven:
-        return ""
-    return f"it moves {driven:.1f} m although {commanded:.1f} m are commanded"
 
 
 def stuck(stretch: Stretch) -> str:
@@ -373,15 +251,3 @@ def _in_words(twist: np.ndarray) -> str:
     if abs(v) >= DRIVES_SPEED:
         return f"{v:.2f} m/s"
     return f"{w:.2f} rad/s"
-
-
-def _latest_rows(rows: Rows, times: np.ndarray) -> np.ndarray:
-    """Return the indices of the latest rows at some times (n,) [s]; 0 before the first row."""
-    latest_rows = [rows.latest(time) for time in times]
-    return np.maximum(latest_rows, 0)
-
-
-def _durations(rows: Rows, end: float) -> np.ndarray:
-    """Return how long each row holds [s]: until the next one, the last one until `end`."""
-    durations: np.ndarray = np.diff(rows.time, append=end)
-    return durations

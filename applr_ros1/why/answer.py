@@ -1,0 +1,74 @@
+"""Answer of a robot in words: what happened, why, what may help, and how sure that is."""
+
+from __future__ import annotations
+
+from typing import Any, Iterable, List, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.why.alternatives import Alternative
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.events import Event
+from applr_ros1.why.explanation import beside
+from applr_ros1.why.replay import Replay
+
+POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
+GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
+
+
+def what_happened(diagnosis: Diagnosis) -> str:
+    """Return the first line: where and when, what happened, and why."""
+    if diagnosis.part is not None:
+        place = beside(*diagnosis.part, digits=1)
+        return f"The laser sees a part of the robot, {place} of its centre."
+    if diagnosis.longest is not None:
+        return sentence(diagnosis.longest)
+    odometry = diagnosis.replay.recording.odometry
+    top_speed = diagnosis.replay.top_speed
+    mean_speed = float(np.abs(odometry.twist[:, 0]).mean())
+    return (
+        f"The robot did not stop: its mean speed is {mean_speed:.2f} m/s, "
+        f"max_vel_x {top_speed:.2f} m/s."
+    )
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Return what happened as a sentence about the robot, for the top of a page."""
+    event = diagnosis.longest
+    if event is None or diagnosis.part is not None:
+        return what_happened(diagnosis)
+    happened = f"The robot {event.kind} from {event.begin:.1f} to {event.end:.1f} s"
+    if not event.reason:
+        return f"{happened}."
+    return f"{happened}, because {event.reason}."
+
+
+def sentence(event: Event) -> str:
+    """Return an event with its reason."""
+    if not event.reason:
+        return f"{event}."
+    return f"{event}, because {event.reason}."
+
+
+def best_guess(guesses: Sequence[Alternative], top_speed: float) -> Optional[Alternative]:
+    """Return the first of the guesses, or None if it gains too little of the top speed [m/s]."""
+    if not guesses or guesses[0].gain < GUESS_SHARE * top_speed:
+        return None
+    return guesses[0]
+
+
+def certainty_of(replay: Replay) -> str:
+    """Return how far the replay agrees with the recorded drive."""
+    certainty = str(replay)
+    # Stops of move_base itself say nothing about the replay of the local planner.
+    if replay.share_of_cycles < POOR:
+        certainty += (
+            "; few, so the planner's reasons are not to be trusted: "
+            "parameters of the folder differ, or topics or scans are missing"
+        )
+    return certainty
+
+
+def indented(items: Iterable[Any]) -> List[str]:
+    """Return a line for each item, to be printed below a heading."""
+    return [f"   {item}" for item in items]

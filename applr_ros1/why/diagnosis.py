@@ -1,0 +1,138 @@
+"""Diagnosis of a recorded drive: its events, and their reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.drives.drive import Drive
+from applr_ros1.why import events
+from applr_ros1.why.events import AT_GOAL, Event
+from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_robot
+from applr_ros1.why.reasons import (
+    held,
+    jumping,
+    late,
+    no_plan,
+    recovering,
+    silent,
+    silent_planner,
+    stopped,
+    stuck,
+    unmoved,
+)
+from applr_ros1.why.replay import Replay, some
+from applr_ros1.why.stretch import Stretch, first_of
+
+EXPLAINED = 5  # number of explained cycles of an event; the middle one stands for the event
+EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
+LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
+# A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
+FAST = 1.25
+# Reasons that are seen from outside the planner, causes before what follows from them.
+OUTSIDE = (silent, no_plan, silent_planner, jumping, held, stopped, unmoved, stuck, recovering)
+
+
+@dataclass
+class Diagnosis:
+    """Events of a drive, and their reasons.
+
+    Attributes:
+        replay: Replayed drive.
+        events: Events in order of time, with their reasons.
+        explained: Explanations of some cycles of each event.
+        part: Place (x, y) beside the robot where the laser sees a part of it, or None.
+    """
+
+    replay: Replay
+    events: List[Event]
+    explained: List[List[Explanation]] = field(default_factory=list)
+    part: Optional[Tuple[float, float]] = None
+
+    @property
+    def drive(self) -> Drive:
+        """The recorded drive."""
+        return self.replay.drive
+
+    @property
+    def longest(self) -> Optional[Event]:
+        """Event that took most time."""
+        return max(self.events, key=lambda event: event.seconds, default=None)
+
+    @property
+    def wants_remedy(self) -> bool:
+        """True if events took much of the drive, and it was not nearly as fast as possible."""
+        odometry = self.replay.recording.odometry
+        pursued_rows = np.flatnonzero(events.pursued(self.drive, odometry))
+        if len(pursued_rows) < 2:
+            return False
+        first_row = pursued_rows[0]
+        last_row = pursued_rows[-1]
+        seconds = float(odometry.time[last_row] - odometry.time[first_row])
+
+        # Time that a straight drive at top speed would take
+        dx, dy, _ = odometry.pose[last_row] - odometry.pose[first_row]
+        top_speed = self.replay.limits.speed[pursued_rows].mean()
+        shortest_time = float(np.hypot(dx, dy) / top_speed)
+
+        lost_time = sum(event.seconds for event in self.events)
+        return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
+
+
+def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
+    """Return the diagnosis of a replayed drive.
+
+    Args:
+        replay: Replayed drive.
+        at: Time to explain instead of the events [s].
+    """
+    # What happened
+    odometry = replay.recording.odometry
+    if at is None:
+        found_events = events.find(replay.drive, odometry, replay.limits)
+    else:
+        found_events = [events.around(at, odometry, replay.limits)]
+    diagnosis = Diagnosis(replay, found_events)
+
+    # Why it happened
+    for event in found_events:
+        explained = _explanations(replay, event)
+        event.reason = _reason(replay, event, explained)
+        diagnosis.explained.append(explained)
+    if found_events:
+        diagnosis.part = part_of_robot(replay)
+    return diagnosis
+
+
+def _explanations(replay: Replay, event: Event) -> List[Explanation]:
+    """Return explanations of some of the slow cycles of an event."""
+    cycles = replay.between(event.begin, event.end)
+    if not cycles:
+        return []
+    # The fast cycles of an event, as when a robot swings, do not show what slows it.
+    median_speed = np.median([cycle.command[0] for cycle in cycles])
+    slow_cycles = []
+    for cycle in cycles:
+        if cycle.command[0] <= median_speed:
+            slow_cycles.append(cycle)
+    return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
+
+
+def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> str:
+    """Return in words why an event happened, or ""."""
+    stretch = Stretch(replay.drive, event.begin, event.end, EVENT_SHARE, replay.planner.period)
+    outside_reason = first_of(OUTSIDE, stretch)
+    if outside_reason:
+        return outside_reason
+    if not explained:
+        if event.kind == AT_GOAL:
+            return ""
+        return late(stretch)
+    # The middle one of the explained cycles stands for the event.
+    middle_explanation = explained[len(explained) // 2]
+    if event.kind == AT_GOAL and not middle_explanation.is_blocked:
+        cycles = replay.between(event.begin, event.end)
+        return at_goal(replay.planner, cycles[-1].settings)
+    return middle_explanation.words or late(stretch)

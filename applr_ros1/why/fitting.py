@@ -1,0 +1,411 @@
+"""Makes the columns of a recorded drive fit on each other, as the planner saw them.
+
+As in C++, the pose is tf's and the velocity that of the odometry topic, the laser is where tf has
+it, and the local planner follows its cut of the global planner's latest plan. Its plan is in the
+frame of the local costmap, in which the drive is replayed. What cannot be laid over another is
+refused; what differs from the robot's files is said in a note.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Iterator, List, NamedTuple, Optional, Set, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import distances
+from applr_ros1.drives.clocks import clocks_differ, one_clock, scans_apart, stamped_later
+from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans, nearest_rows
+from applr_ros1.drives.frames import Placement, Tree
+from applr_ros1.drives.places import PlacedBase, places_of
+from applr_ros1.monitor.motion import PoseMotion
+from applr_ros1.monitor.odometry_check import OdometryCheck
+from applr_ros1.planner.plan_cut import cut_plan, transformed
+from applr_ros1.robots import Robot
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.rerun import RerunPlanner
+
+# Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
+POSE_OFF_M = 0.02
+POSE_OFF_RAD = 0.02
+LASER_OFF_M = 0.01
+LASER_OFF_RAD = 0.01
+TF_BUFFER_S = 10.0  # time for which tf keeps transforms [s]
+VELOCITY_SPAN_S = 0.5  # time over which a velocity is measured from poses [s]
+CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
+STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
+TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
+
+
+class Fittable(NamedTuple):
+    """Columns of a drive that are made to fit on each other."""
+
+    planned: Commands
+    odometry: Motion
+    scans: Scans
+
+
+class Routed(NamedTuple):
+    """Columns of a drive whose followed plans can be cut from those of the global planner."""
+
+    routes: Plans
+    planned: Commands
+    odometry: Motion
+
+
+class PlacedLaser(NamedTuple):
+    """Scans of an upright laser, its place (x, y, yaw) [m, m, rad] on the robot, and notes."""
+
+    scans: Scans
+    pose: Pose
+    notes: List[str]
+
+
+class Noted(NamedTuple):
+    """Motion of the robot, and notes about it."""
+
+    motion: Motion
+    notes: List[str]
+
+
+def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = False) -> Recording:
+    """Return the recording of a drive, all columns in the frame of the local costmap.
+
+    Args:
+        drive: A drive as it was read, with odometry and scans.
+        planner: Planner of the robot, which cuts the global planner's plans.
+        robot: Robot that drove.
+        is_given: Whether a person gave the robot, who is then not asked to give it.
+
+    Raises:
+        ApplrError: Frames differ, and tf does not connect them.
+    """
+    drive = _without_prefix(drive)
+    _check_frames(drive)
+    odometry_frame = drive.frame
+    # The plans that were followed are in the frame of the local costmap.
+    plan_frames = drive.frames.get("plans") or [odometry_frame]
+    drive = replace(drive, frame=plan_frames[0])
+    columns = drive.require(Fittable)
+    tree = Tree(drive.transforms)
+    places = places_of(drive, tree, columns.odometry, columns.scans, robot.frames.base)
+
+    laser = _placed_laser(columns.scans, drive.frames["scans"][0], places.laser, robot, is_given)
+    if drive.frame != odometry_frame and not places.is_framed:
+        raise _unconnected(drive.frame, odometry_frame)
+    moved = _with_poses(columns.odometry, places.base)
+    clock_notes = _compared_clocks(laser.scans, moved.motion)
+    driven = _with_velocities(moved.motion)
+    drive = replace(
+        drive,
+        odometry=driven.motion,
+        scans=laser.scans,
+        notes=[*drive.notes, *laser.notes, *moved.notes, *clock_notes, *driven.notes],
+    )
+    drive = replace(drive, plans=plans_of(drive, tree, planner))
+    drive = replace(drive, routes=_routes_by_odometry(drive, tree))
+    # Whatever moved the robot, its planner was given the velocities of the topic.
+    return replace(
+        Recording.of(drive, robot), laser_pose=laser.pose, planner_twist=moved.motion.twist
+    )
+
+
+# -- frames ----------------------------------------------------------------------------------------
+def _without_prefix(drive: Drive) -> Drive:
+    """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix)."""
+    # Plans may be in a map frame that several robots share, which has no prefix.
+    prefixes: Set[str] = set()
+    for frame_name in (*drive.frames["odometry"], *drive.frames["scans"]):
+        prefixes.add(frame_name.rpartition("/")[0])
+    if len(prefixes) != 1 or "" in prefixes:
+        return drive
+    prefix = f"{prefixes.pop()}/"
+
+    def without(frame_name: str) -> str:
+        return frame_name[len(prefix) :] if frame_name.startswith(prefix) else frame_name
+
+    def shortened(names: List[str]) -> List[str]:
+        return list(map(without, names))
+
+    frames_of = {}
+    for column, frame_names in drive.frames.items():
+        frames_of[column] = shortened(frame_names)
+    transforms = drive.transforms
+    if transforms is not None:
+        transforms = replace(
+            transforms,
+            parent=shortened(transforms.parent),
+            child=shortened(transforms.child),
+        )
+    return replace(drive, frame=without(drive.frame), frames=frames_of, transforms=transforms)
+
+
+def _check_frames(drive: Drive) -> None:
+    """Raise ApplrError if the messages of a column are in several frames."""
+    for column in ("odometry", "scans", "plans" if drive.plans else "routes"):
+        frames = drive.frames[column]
+        if len(frames) > 1:
+            raise ApplrError(f"{column} in {' and in '.join(frames)}: they must be in one frame")
+
+
+def other_robot(differs: str, remedy: str, is_given: bool) -> ApplrError:
+    """Return the error of a recording of another robot.
+
+    Args:
+        differs: How it differs from the robot.
+        remedy: What whoever gave the robot is to do; nobody else is asked for more than the robot.
+        is_given: Whether a person gave the robot.
+    """
+    if is_given:
+        return ApplrError(f"{differs}: {remedy}")
+    return ApplrError(f"{differs}: give the robot as --robot")
+
+
+def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
+    """Return the error of plans in a frame that tf does not connect with the odometry's."""
+    return ApplrError(
+        f"the plan is in {frame}, the odometry in {odometry_frame}: record /tf and /tf_static"
+    )
+
+
+# -- laser -----------------------------------------------------------------------------------------
+def _placed_laser(
+    scans: Scans, frame: str, in_tf: Optional[Placement], robot: Robot, is_given: bool
+) -> PlacedLaser:
+    """Return the laser where tf has it, if it does, with the scans of one upside down turned.
+
+    Raises:
+        ApplrError: The scans are those of a laser that neither robot.yaml nor tf knows.
+    """
+    if in_tf is None:
+        if frame != robot.laser.frame:
+            differs = f"scans in {frame}, {robot.name} has {robot.laser.frame}"
+            raise other_robot(differs, "give --scan, or record /tf and /tf_static", is_given)
+        return PlacedLaser(scans, robot.laser.pose, [])
+    rotation = in_tf.rotation.as_matrix()[0]
+    # The laser's x axis gives its heading, also upside down; its z axis shows how it is mounted.
+    laser_yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    upright = float(rotation[2, 2])
+    laser_x, laser_y = in_tf.position[0, :2].tolist()
+    notes = []
+    if upright < 0.0:
+        scans = _mirrored(scans)
+        notes.append("the laser is mounted upside down (tf): its beams are taken in reverse")
+    if abs(upright) < TILTED:
+        degrees = np.degrees(np.arccos(min(abs(upright), 1.0)))
+        notes.append(f"tf tilts the laser by {degrees:.0f} degrees: it is taken as level")
+    known_x, known_y, known_yaw = robot.laser.pose
+    moved_distance = np.hypot(laser_x - known_x, laser_y - known_y)
+    turned_angle = abs(normalize_angle_modulo(laser_yaw - known_yaw))
+    if moved_distance <= LASER_OFF_M and turned_angle <= LASER_OFF_RAD:
+        return PlacedLaser(scans, robot.laser.pose, notes)
+    notes.append(
+        f"tf has the laser at ({laser_x:.2f}, {laser_y:.2f}) m, {laser_yaw:.2f} rad, "
+        f"robot.yaml at ({known_x:.2f}, {known_y:.2f}) m, {known_yaw:.2f} rad: "
+        "tf's place is taken"
+    )
+    return PlacedLaser(scans, (laser_x, laser_y, laser_yaw), notes)
+
+
+def _mirrored(scans: Scans) -> Scans:
+    """Return the scans of a laser upside down as those of an upright one.
+
+    Its beams turn from left to right, so that the last one becomes the first.
+    """
+    mirrored_fans = scans.fan.copy()
+    mirrored_ranges = []
+    for row, ranges in enumerate(scans.ranges):
+        first_angle, increment = mirrored_fans[row, :2]
+        last_angle = first_angle + increment * (len(ranges) - 1)
+        mirrored_fans[row, 0] = -last_angle
+        mirrored_ranges.append(ranges[::-1].copy())
+    return replace(scans, fan=mirrored_fans, ranges=mirrored_ranges)
+
+
+# -- poses -----------------------------------------------------------------------------------------
+def _with_poses(odometry: Motion, in_tf: Optional[PlacedBase]) -> Noted:
+    """Return the odometry with the poses of tf, if it has them."""
+    notes: List[str] = []
+    if in_tf is None:
+        return Noted(odometry, notes)
+    odometry = replace(odometry, stamp=odometry.stamp - in_tf.later)
+    if in_tf.later:
+        problem = clocks_differ("the odometry is", in_tf.later, "tf")
+        notes.append(f"{problem}; {one_clock('base')}")
+    joined = _joined(odometry, in_tf.link.time, in_tf.link.stamp, in_tf.by_link)
+    if in_tf.by_topic is None:
+        return Noted(joined, notes)
+    largest_distance = float(distances(odometry.pose[:, :2], in_tf.by_topic[:, :2]).max())
+    turned_angles = normalize_angle_modulo(odometry.pose[:, 2] - in_tf.by_topic[:, 2])
+    largest_turn = float(np.abs(turned_angles).max())
+    if largest_distance > POSE_OFF_M or largest_turn > POSE_OFF_RAD:
+        notes.append(
+            f"the odometry topic is not what tf shows: up to {largest_distance:.2f} m and "
+            f"{largest_turn:.2f} rad apart; poses are tf's, velocities the topic's"
+        )
+    return Noted(joined, notes)
+
+
+def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.ndarray) -> Motion:
+    """Return the velocities of a motion with other poses (n, 3), recorded at `times` for `stamps`.
+
+    The planner takes the latest message of each. So a row is a message of the more frequent one,
+    with the message of the other whose stamp is nearest; nothing is interpolated.
+    """
+    # Two of one rate may differ by some messages at the ends.
+    if len(stamps) > 1.2 * len(motion):
+        nearest_messages = nearest_rows(motion.stamp, stamps)
+        return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest_messages])
+    nearest_messages = nearest_rows(stamps, motion.stamp)
+    return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
+
+
+def _compared_clocks(scans: Scans, odometry: Motion) -> List[str]:
+    """Return notes on the stamps of scans, compared with those of the poses that place them.
+
+    Raises:
+        ApplrError: tf's buffer holds no poses for the scans, so that costmap_2d drops them.
+    """
+    apart = scans_apart(scans, odometry)
+    if not apart:
+        return []
+    if abs(stamped_later(scans, odometry)) > TF_BUFFER_S:
+        raise ApplrError(f"{apart}, or tf drops the scans")
+    return [apart]
+
+
+# -- velocities ------------------------------------------------------------------------------------
+def _with_velocities(motion: Motion) -> Noted:
+    """Return a motion with the velocities of its poses, if its own are left at 0."""
+    check = OdometryCheck()
+    for stamp, (x, y, yaw), (v, w) in _messages(motion):
+        # What is said first stands for the whole drive.
+        if check.take(stamp, (x, y, yaw), (v, w)):
+            break
+    if not check.problem:
+        return Noted(motion, [])
+    if check.lacks_twist:
+        motion = replace(motion, twist=_velocities_by_poses(motion))
+    return Noted(motion, [check.problem])
+
+
+def _velocities_by_poses(motion: Motion) -> np.ndarray:
+    """Return the velocities (n, 2) v [m/s], w [rad/s] that the poses of a motion show.
+
+    They are the recorded ones if the poses are too rare to show any.
+    """
+    by_poses = PoseMotion(VELOCITY_SPAN_S)
+    middle_stamps = []
+    velocities = []
+    for stamp, (x, y, yaw), (recorded_v, _) in _messages(motion):
+        by_poses.take(stamp, (x, y, yaw), recorded_v)
+        if not by_poses.baseline:  # Nothing is known at the begin and after a gap.
+            continue
+        # A velocity holds for the middle of the time over which it is measured.
+        middle_stamps.append(stamp - by_poses.baseline / 2)
+        velocities.append((by_poses.velocity.v, by_poses.velocity.w))
+    if not velocities:
+        return motion.twist
+    measured_v, measured_w = np.array(velocities).T
+    v = np.interp(motion.stamp, middle_stamps, measured_v)
+    w = np.interp(motion.stamp, middle_stamps, measured_w)
+    return np.column_stack([v, w])
+
+
+def _messages(motion: Motion) -> Iterator[Tuple[float, List[float], List[float]]]:
+    """Yield stamp, pose and twist of each message, as plain numbers."""
+    return zip(motion.stamp.tolist(), motion.pose.tolist(), motion.twist.tolist())
+
+
+# -- plans -----------------------------------------------------------------------------------------
+def plans_of(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
+    """Return the plans that were followed, or the parts of the global planner's that may have been.
+
+    DWAPlannerROS publishes empty plans as long as it finds no command.
+
+    Raises:
+        ApplrError: As followed_plans.
+    """
+    plans = drive.plans
+    if plans and (not drive.routes or any(map(len, plans.path))):
+        return plans
+    return followed_plans(drive, tree, planner)
+
+
+def followed_plans(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
+    """Return the plan that the local planner has in the cycle of each command.
+
+    It is the global planner's latest, in the odometry frame, without the points that were pruned in
+    earlier cycles. The planner cuts and prunes it again at the pose of its cycle. A plan that came
+    during the cycle may be too late for it: the one before then stands in a row of the same time.
+
+    Raises:
+        ApplrError: The plans are in another frame, and tf does not connect it with the odometry's.
+    """
+    routes, planned, odometry = drive.require(Routed)
+    (plan_frame,) = drive.frames["routes"]
+    times = planned.time
+    origins: Optional[np.ndarray] = None
+    if plan_frame != drive.frame:
+        frame_places = tree.place(plan_frame, drive.frame, times)
+        if frame_places is None:
+            raise _unconnected(plan_frame, drive.frame)
+        origins = frame_places.planar
+
+    followed_times: List[float] = []
+    followed_paths: List[np.ndarray] = []
+    route_row = -1
+    # What is left of the latest plan, and what was left of the one before it
+    stored_plan = np.zeros((0, 3))
+    previous_plan = stored_plan
+    for cycle_row, command_time in enumerate(times.tolist()):
+        if routes.latest(command_time) != route_row:
+            route_row = routes.latest(command_time)
+            previous_plan = stored_plan
+            stored_plan = routes.path[route_row]
+        odometry_row = odometry.latest(command_time)
+        if route_row < 0 or odometry_row < 0:
+            continue
+        if not len(stored_plan) or not _has_goal(drive, command_time):
+            continue
+        choices = [stored_plan]
+        if len(previous_plan) and command_time - routes.time[route_row] < CYCLE_S:
+            choices.insert(0, previous_plan)
+        # Frames move in each other, so that a stored plan is transformed anew in each cycle.
+        if origins is not None:
+            choices = [_seen_from(origins[cycle_row], choice) for choice in choices]
+        followed_times += [command_time] * len(choices)
+        followed_paths += choices
+        x, y, _ = odometry.pose[odometry_row].tolist()
+        _, dropped_count = cut_plan(choices[-1], x, y, planner.cut_radius, planner.prunes)
+        stored_plan = stored_plan[dropped_count:]
+    return Plans(np.array(followed_times), followed_paths)
+
+
+def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
+    """Return the global planner's plans in the odometry frame, or None if tf lacks it."""
+    if drive.routes is None or drive.frames["routes"] == [drive.frame]:
+        return drive.routes
+    plan_frame = drive.frames["routes"][0]
+    frame_places = tree.place(plan_frame, drive.frame, drive.routes.time)
+    if frame_places is None:
+        return None
+    routes = []
+    for route, origin in zip(drive.routes.path, frame_places.planar):
+        routes.append(_seen_from(origin, route))
+    return Plans(drive.routes.time, routes)
+
+
+def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Return a path (n, 3) in the frame that lies at `origin` (3,) x, y [m], yaw [rad]."""
+    x, y, yaw = origin.tolist()
+    return transformed(path, inverse((x, y, yaw)))
+
+
+def _has_goal(drive: Drive, time: float) -> bool:
+    """Return whether a goal was pursued at a time, or whether nobody knows."""
+    if not drive.goals:
+        return True
+    return any(goal.begin - STATUS_S <= time <= goal.end for goal in drive.goals)

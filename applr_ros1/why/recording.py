@@ -1,0 +1,121 @@
+"""Recording: a drive with every column that a replay needs, checked once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.scan import LaserScan
+from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans
+from applr_ros1.planner.local_planner import Command
+from applr_ros1.robots import Robot
+
+NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
+
+
+class Replayable(NamedTuple):
+    """Columns of a drive that can be replayed."""
+
+    planned: Commands
+    odometry: Motion
+    scans: Scans
+    plans: Plans
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Recorded drive that can be replayed. All its columns are in the frame of the local costmap.
+
+    Attributes:
+        drive: The drive, with the columns below and those that may be missing.
+        robot: Robot that drove.
+        planned: Commands of the planner.
+        odometry: Motion by odometry.
+        planner_twist: (n, 2) velocities that the planner was given with each row of the odometry.
+        scans: Laser scans.
+        laser_pose: Place (x, y, yaw) [m, m, rad] of the laser in the robot's frame.
+        plans: Plans that were followed.
+    """
+
+    drive: Drive
+    robot: Robot
+    planned: Commands
+    odometry: Motion
+    planner_twist: np.ndarray
+    scans: Scans
+    laser_pose: Pose
+    plans: Plans
+
+    @classmethod
+    def of(cls, drive: Drive, robot: Robot) -> Recording:
+        """Return the recording of a drive whose columns fit on each other, as a simulated one.
+
+        Raises:
+            DriveError: The drive lacks commands, odometry, scans or plans.
+        """
+        columns = drive.require(Replayable)
+        return cls(
+            drive=drive,
+            robot=robot,
+            planned=columns.planned,
+            odometry=columns.odometry,
+            planner_twist=columns.odometry.twist,
+            scans=columns.scans,
+            laser_pose=robot.laser.pose,
+            plans=columns.plans,
+        )
+
+    def measured(self, odometry_row: int) -> Tuple[Pose, Command]:
+        """Return pose and velocity that the planner was given with an odometry message."""
+        x, y, yaw = self.odometry.pose[odometry_row].tolist()
+        v, w = self.planner_twist[odometry_row].tolist()
+        return (x, y, yaw), (v, w)
+
+    def scan(self, scan_row: int) -> LaserScan:
+        """Return a scan at the laser's place in the odometry frame at the time of its stamp."""
+        first_angle, increment, range_min, range_max = self.scans.fan[scan_row].tolist()
+        robot_pose = self.odometry.pose_at(self.scans.stamp[scan_row])
+        return LaserScan(
+            stamp=0.0,
+            angle_min=first_angle,
+            angle_increment=increment,
+            range_min=range_min,
+            range_max=range_max,
+            ranges=self.scans.ranges[scan_row],
+            sensor_pose=compose(robot_pose, self.laser_pose),
+            sensor_height=self.robot.laser.height,
+        )
+
+    @property
+    def goal(self) -> Optional[Pose]:
+        """Last goal (x, y, yaw) [m, m, rad] in the odometry frame, or None if it is unknown."""
+        drive = self.drive
+        if drive.routes is not None:
+            route_ends = _ends(drive.routes)
+            if route_ends:
+                return route_ends[-1]
+        plan_ends = _ends(self.plans)
+        if plan_ends:
+            # The followed part of a plan ends at the goal only near it.
+            end_x, end_y, _ = plan_ends[-1]
+            x, y, _ = self.odometry.pose[-1].tolist()
+            if np.hypot(end_x - x, end_y - y) <= NEAR_GOAL_M:
+                return plan_ends[-1]
+        # Goals are sent in any frame, often that of a map.
+        for sent in reversed(drive.sent):
+            if sent.frame == drive.frame:
+                return sent.pose
+        return None
+
+
+def _ends(plans: Plans) -> List[Pose]:
+    """Return the last poses of the plans that have poses."""
+    ends = []
+    for plan_path in plans.path:
+        if len(plan_path):
+            x, y, yaw = plan_path[-1].tolist()
+            ends.append((x, y, yaw))
+    return ends

@@ -1,0 +1,79 @@
+"""Reasons why a simulated drive on open floor failed, read from its columns."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from applr_ros1.drives.drive import ABORTED, REACHED, Drive, DrivenToGoal
+from applr_ros1.drives.ending import ODOMETRY_ARRIVED, in_full
+from applr_ros1.why.reasons import held, no_plan
+from applr_ros1.why.stretch import Stretch, durations, first_of
+
+STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
+DRIVE_SHARE = 0.1  # share of a drive from which on an observation is the reason of its failure
+# Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
+SLIP_RATIO = 2.0
+SLIP_M = 1.0
+
+
+def failure_of(drive: Drive) -> str:
+    """Return in words why the last goal of a drive was not reached without a contact.
+
+    The result is "" if it was. The drive needs goals, truth, routes, refusals and commands.
+    """
+    goal = drive.require(DrivenToGoal).goals[-1]
+    touches = "it touches something" if len(drive.contacts) else ""
+    if goal.status == REACHED:
+        return touches
+    stretch = Stretch(drive, goal.begin, goal.end, DRIVE_SHARE)
+    reason = ""
+    # A planner that has arrived by its odometry was not kept from driving.
+    if goal.reason != ODOMETRY_ARRIVED:
+        reason = first_of((no_plan, refused, held, slipping), stretch)
+    if not reason and goal.status == ABORTED:
+        reason = in_full(drive)
+    if not reason:
+        reason = f"{STANDS}, and has not arrived after {stretch.seconds:.0f} s"
+    if touches:
+        return f"{touches}, and {reason}"
+    return reason
+
+
+def refused(stretch: Stretch) -> str:
+    """Return that the local planner rejected every velocity, and by which critic, or ""."""
+    cycles = stretch.part(stretch.drive.refusals)
+    if cycles is None:
+        return ""
+    # Of cycles with a valid velocity, no critics are recorded.
+    rejecting = [critics for critics in cycles.critics if critics]
+    share = len(rejecting) / len(cycles)
+    if share <= stretch.share:
+        return ""
+    rejected: Counter[str] = Counter()
+    for critics in rejecting:
+        rejected.update(critics)
+    del rejected["samples"]  # It counts the velocities themselves.
+    critic = rejected.most_common(1)[0][0]
+    return (
+        f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, "
+        f"mostly by {critic}"
+    )
+
+
+def slipping(stretch: Stretch) -> str:
+    """Return that the robot moved much less than was commanded, or "".
+
+    Wheels that slip turn without moving it.
+    """
+    commands = stretch.part(stretch.drive.commands)
+    motion = stretch.part(stretch.drive.truth)
+    if commands is None or motion is None:
+        return ""
+    speeds = np.abs(commands.twist[:, 0])
+    commanded = float(speeds @ durations(commands, stretch.end))
+    driven = motion.length
+    if commanded <= SLIP_M + SLIP_RATIO * driven:
+        return ""
+    return f"it moves {driven:.1f} m although {commanded:.1f} m are commanded"

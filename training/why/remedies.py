@@ -1,0 +1,100 @@
+"""Remedies of a diagnosed drive: which changes are driven, and in which world."""
+
+from __future__ import annotations
+
+from typing import List, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.robots import Robot
+from applr_ros1.why import events
+from applr_ros1.why.alternatives import Alternative, together
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.events import ASKED, AT_GOAL
+from applr_ros1.why.replay import Replay
+from training.why.candidates import (
+    Candidate,
+    escape_candidates,
+    file_candidates,
+    recorded_changes,
+    with_changes,
+)
+from training.why.seen_world import seen_grid, seen_world
+from training.why.whole_drives import ROUND, Course, Trials, limit_of, try_out
+from training.workers.pool import Pool
+
+CANDIDATES = 12  # number of candidates that are driven
+MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
+LIVE = 5  # number of candidates among them that the replay ranks
+ARRIVED_M = 1.5  # distance from the goal at the end of a drive that arrived [m, for the Jackal]
+
+
+def driven_trials(
+    diagnosis: Diagnosis, guesses: Sequence[Alternative], pool: Pool
+) -> Optional[Trials]:
+    """Drive with the recorded values and with candidates.
+
+    Args:
+        diagnosis: Diagnosis of a recorded drive.
+        guesses: Alternatives that the replay ranks, the best first.
+        pool: Workers that drive.
+
+    Returns:
+        The trials; None if no remedy is wanted, or the drive's goal is unknown.
+    """
+    replay = diagnosis.replay
+    drive = replay.drive
+    longest_event = diagnosis.longest
+    goal = replay.recording.goal
+    if longest_event is None or goal is None or not diagnosis.wants_remedy:
+        return None
+    # No parameter helps a robot that stops for a part of itself, and a moment is no event.
+    if diagnosis.part is not None or longest_event.kind == ASKED:
+        return None
+    # The settings at the longest event: if they change on the way, no drive can have all of them.
+    settings = replay.history.at(longest_event.begin)
+    robot = with_changes(replay.robot, recorded_changes(replay.robot, settings), replay.robot.name)
+
+    # From where the robot was sent to its goal
+    odometry = replay.recording.odometry
+    is_pursued = events.pursued(drive, odometry)
+    first_row = int(np.argmax(is_pursued))
+    last_row = int(np.flatnonzero(is_pursued)[-1])
+    x, y, yaw = odometry.pose[first_row].tolist()
+    seconds = float(odometry.time[last_row] - odometry.time[first_row])
+    # A drive that ended on its way does not tell how long the whole way takes.
+    dx, dy = odometry.pose[last_row, :2] - goal[:2]
+    if np.hypot(dx, dy) > ARRIVED_M * replay.robot.world_scale:
+        seconds = np.inf
+    course = Course(
+        robot=robot,
+        world=seen_world(seen_grid(replay.recording), drive.name, (x, y, yaw), goal),
+        has_monitor=drive.planned is not drive.commands,
+        limit=limit_of(seconds),
+        ends_at_tolerance=longest_event.kind != AT_GOAL,
+    )
+    return try_out(course, candidates(replay, guesses, robot), pool)
+
+
+def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> List[Candidate]:
+    """Return the candidates that are driven: the replay's first ones, and values of files."""
+    live_candidates: List[Candidate] = []
+    for guess in guesses[:LIVE]:
+        live_candidates += milder(replay, guess)
+        live_candidates.append(Candidate(guess.changes))
+    live_candidates += escape_candidates(replay.planner.name, replay.settings[replay.planner.name])
+
+    # The replay does not see what values of files would do: unusual ones come before guesses that
+    # it ranks low.
+    all_candidates = live_candidates[:ROUND] + file_candidates(robot) + live_candidates[ROUND:]
+    return all_candidates[:CANDIDATES]
+
+
+def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
+    """Return the change of a guess by a factor of 2, if the guess goes much farther."""
+    change = guess.change
+    if isinstance(change.before, bool) or change.departure <= MUCH:
+        return []
+    factor = 2.0 if abs(change.after) > abs(change.before) else 0.5
+    milder_change = change._replace(after=type(change.before)(change.before * factor))
+    return [Candidate(together(replay.settings, milder_change))]
