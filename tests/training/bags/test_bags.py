@@ -921,7 +921,6 @@ def driven(path, observation, world, time_limit, **settings):
         time_limit=time_limit,
         record=True,
     )
-    env.episode.layout = env.encoding.layout
     layout = TransitionLayout.of(env.encoding)
     assert layout == env.layout
     rng = np.random.default_rng(3)
