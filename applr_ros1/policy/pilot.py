@@ -86,7 +86,7 @@ class Pilot:
 
     @property
     def has_lost_method(self) -> bool:
-        """Whether LOST_PERIODS have passed since the last decision."""
+        """True once LOST_PERIODS have passed without a decision."""
         return self.misses >= LOST_PERIODS
 
     def begin(self, seed: int) -> None:

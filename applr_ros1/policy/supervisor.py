@@ -252,7 +252,7 @@ class Supervisor:
     # -- state in words ----------------------------------------------------------------------------
     @property
     def in_force(self) -> str:
-        """Whose parameters the planner drives with now, or will as soon as its servers answer."""
+        """Parameters with which the planner drives as soon as its servers answer, in words."""
         if self._by_hand is not None:
             return PARAMETERS_BY_HAND
         method = self.pilot.method
@@ -263,7 +263,7 @@ class Supervisor:
 
     @property
     def activity(self) -> str:
-        """What the node does."""
+        """Activity of the node, in words."""
         if not self.enabled:
             return f"switched off: {self.in_force} drive now"
         if self.goal is None:
@@ -272,5 +272,5 @@ class Supervisor:
 
     @property
     def is_degraded(self) -> bool:
-        """Whether the requested method does not drive although it is asked for."""
+        """True if the requested method does not drive although it is asked for."""
         return bool(self.degraded) or self.pilot.has_lost_method

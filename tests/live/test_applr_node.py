@@ -339,7 +339,7 @@ def service(name, kind, *arguments):
 
 
 def test_services_and_topics_switch_the_method_while_driving(robot, stack, tmp_path):
-    """What is in force then is tested in tests/policy/test_supervisor.py."""
+    """tests/policy/test_supervisor.py tests what is in force then."""
     node, client = stack("random", max_speed=1.6)
     reports(robot, "idle: no goal")
     starts_deciding(robot, client)

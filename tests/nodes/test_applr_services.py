@@ -11,7 +11,7 @@ from applr_ros1.robots import JACKAL
 
 
 class Node:
-    """What the service ~set_method needs of an ApplrNode."""
+    """Stands for an ApplrNode, as far as the service ~set_method needs it."""
 
     def __init__(self, method="random"):
         self.robot = JACKAL

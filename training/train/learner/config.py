@@ -140,6 +140,10 @@ class TaskOptions(DriveSettings):
     end_on_stall: bool = option(False,
         "End a training episode, as a failure, if the robot has moved less than .85 m in 8 s, at "
         "the Jackal's scale. Evaluations are not affected.")
+    stall_rule: bool = option(False,
+        "Let the stall rule of the applr node replace actions of the policy in training episodes, "
+        "as it does in evaluations and on the robot, and learn from the parameters that were in "
+        "force. --end-on-stall then has no effect, because the rule ends nearly every stall.")
     critics_know_more: bool = option(False,
         "Show the critics what the policy cannot know: the true course ahead, moving obstacles, "
         "planner, ground, friction and delays (training/env/privileged.py).")
@@ -304,7 +308,14 @@ class TrainConfig(
             values = getattr(self, name)
             randomisation[name] = values if len(values) == 2 else values[0]
         _, base = self.start
-        own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
+        own = {
+            "worlds",
+            "observation",
+            "end_on_collision",
+            "end_on_stall",
+            "stall_rule",
+            "critics_know_more",
+        }
         return {
             **self.model_dump(include={*DriveSettings.model_fields, *own}),
             "randomisation": randomisation,
