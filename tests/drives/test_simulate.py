@@ -1,6 +1,6 @@
 """Tests of drives in simulation: what a robot does and sees along a course, and how it ends.
 
-The planner is a stub; the stack around it, the rules and the outcome are real.
+In most tests the planner is a stub; the stack around it, the rules and the outcome are real.
 """
 
 import math
@@ -11,21 +11,27 @@ import numpy as np
 import pytest
 
 import sim_bridge
+import worlds
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.drives.drive import Drive, Goal
+from applr_ros1.drives import simulate
+from applr_ros1.drives.drive import TIMED_OUT, Drive, Goal
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED, TOO_EARLY
 from applr_ros1.drives.judge import Rules
 from applr_ros1.drives.outcome import Leg, nearest, outcome_of
 from applr_ros1.drives.simulate import CourseDrive
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.state_machine import Cycle
+from applr_ros1.policy import methods
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import JACKAL
 from applr_ros1.stack.simulated import SimulatedRobot
-from applr_ros1.stack.stack import Stack
+from applr_ros1.stack.stack import Stack, Step
 from training.env.reward import failed
 from worlds import Course, Mover, World
 from worlds.occupancy import occupancy
@@ -588,3 +594,83 @@ def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
     speed = JACKAL.base.max_speed
     in_metres = seen_walker * (length, length, speed, speed)
     np.testing.assert_allclose(in_metres, (x, y, vx, vy), atol=0.2)
+
+
+# -- with the real planner, and with a script
+def jackal(seed=0):
+    """Return a simulated Jackal with its own planner."""
+    stack = Stack(JACKAL, MoveBase(JACKAL.parameters(), seed=seed), monitor=False)
+    return SimulatedRobot(sim_bridge.make("kinematic"), stack)
+
+
+def short_drive(pilot, simulated=None, **options):
+    """Return a drive of four seconds, with the rows of its true motion."""
+    world = worlds.load("generated:60")
+    simulated = simulated or jackal()
+    drive = simulate.drive(simulated, world, 3, pilot, Rules(limit=4.0), **options)
+    return drive, np.column_stack([drive.truth.time, drive.truth.pose, drive.truth.twist])
+
+
+def test_a_drive_without_a_pilot_is_that_of_a_pilot_who_leaves_the_parameters():
+    """The noise of its scans, too, does not depend on whether somebody decides."""
+    fixed = methods.FixedParameters(SPACE.theta0, redraws_stalled=False)
+    decided_drive, decided_motion = short_drive(Pilot(fixed, JACKAL, 1.0), record=True)
+    drive, motion = short_drive(None, record=True)
+    assert np.array_equal(motion, decided_motion)
+    assert np.array_equal(drive.scans.ranges, decided_drive.scans.ranges)
+    assert drive.decisions == []
+    assert drive.ends == []
+    assert len(decided_drive.decisions) == 4
+    (end,) = decided_drive.ends
+    assert end.time == pytest.approx(4.0)
+    assert end.after == {}
+
+
+def test_a_pilot_begins_each_drive_anew():
+    pilot = Pilot(methods.RandomParameters(), JACKAL, 1.0)
+    simulated = jackal()
+    first_drive, first_motion = short_drive(pilot, simulated)
+    second_drive, second_motion = short_drive(pilot, simulated)
+    assert np.array_equal(first_motion, second_motion)
+    first_sets = [decision.after for decision in first_drive.decisions]
+    second_sets = [decision.after for decision in second_drive.decisions]
+    assert first_sets == second_sets
+    assert first_sets[0] != first_sets[1]
+
+
+def test_a_decision_may_clear_the_costmaps_before_it_takes_effect(monkeypatch):
+    simulated = jackal()
+    clearings = []
+    move_base = simulated.stack.move_base
+    monkeypatch.setattr(move_base, "clear_costmaps", lambda: clearings.append(course_drive.seconds))
+    course_drive = begun(simulated, worlds.load("generated:60"), period=1.0)
+    for clears in (False, True, False):
+        course_drive.decide(SPACE.theta0, clears_costmaps=clears)
+        course_drive.advance()
+    assert clearings == [pytest.approx(1.0)]
+    assert [decision.cleared for decision in course_drive.drive.decisions] == [False, True, False]
+
+
+class Standing:
+    """Script that commands nothing."""
+
+    goal_tolerance = 0.0
+
+    def reset(self, now, seed):
+        pass
+
+    def set_goal(self, goal, now):
+        pass
+
+    def step(self, now, pose, twist, scan=None, local_origin=None):
+        return Step(Cycle(), verdict=None, command=None)
+
+
+def test_a_script_has_no_plan_and_its_drive_no_scan_for_a_decision():
+    simulated = SimulatedRobot(sim_bridge.make("kinematic"), Standing())
+    drive, _ = short_drive(None, simulated, record=True)
+    assert drive.observed is None
+    assert drive.goals[-1].status == TIMED_OUT
+    # A cycle before the goal is sent, and four seconds
+    assert len(drive.scans) == len(drive.odometry) == 81
+    assert len(drive.routes) == len(drive.commands) == 0
