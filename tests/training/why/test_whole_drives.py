@@ -19,7 +19,6 @@ from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
 from training.robot.open_floor import courses
-from training.robot.single_changes import single_candidates
 from training.why import answer, remedies, whole_drives
 from training.why.answer import Answer
 from training.why.candidates import (
@@ -150,15 +149,6 @@ def test_a_slowest_speed_above_the_fastest_one_is_lowered_below_it():
     lowered = Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04)
     assert Candidate((lowered,)) in file_candidates(with_changes(BURGER, [crossed], "crossed"))
     assert Candidate((lowered,)) not in file_candidates(BURGER)
-
-
-def test_a_change_of_linked_values_knows_what_each_of_them_was():
-    slower = Change("DWAPlannerROS", "max_vel_trans", 0.22, 0.15)
-    robot = with_changes(BURGER, [slower], "burger of two speeds")
-    speeds = ["max_vel_x", "max_vel_trans"]
-    of_speed = [change for change in single_candidates(robot) if change.names == speeds]
-    assert [change.before for change in of_speed[0].changes] == [0.22, 0.15]
-    assert [change.after for change in of_speed[0].changes] == [0.11, 0.11]
 
 
 def in_both(servers, name, before, after):
