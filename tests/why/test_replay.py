@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.drives.drive import Plans
+from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.why import alternatives
@@ -21,6 +22,7 @@ from tests.support.replays import (
     replayed,
     spoilt_drive,
     spoilt_replay,
+    updates,
 )
 
 
@@ -327,3 +329,52 @@ def test_reproduced_cycles_are_preferred(replay):
     # If no cycle is reproduced, others must do.
     assert some([not_reproduced], 3) == [not_reproduced]
     assert some([], 3) == []
+
+
+def test_a_cycle_keeps_its_map_whatever_the_planner_had_before(replay):
+    cycle = replay.cycles[100]
+    # An obstacle that no layer knows: a map that is inflated anew loses it.
+    origin, cells, *layers = cycle.map
+    marked_cells = cells.copy()
+    marked_cells[0, 0] = LETHAL
+    marked = replace(cycle, map=(origin, marked_cells, *layers))
+    # Another padding clears the costmap of a MoveBase.
+    padding = Change("local_costmap", "footprint_padding", 0.1, 0.14)
+    padded = replace(marked, settings=marked.settings.with_(padding))
+
+    assert np.array_equal(replay.at(marked).map.cells, marked_cells)
+    assert np.array_equal(replay.at(padded).map.cells, marked_cells)
+    replay.ahead(padded, padded.settings, 2)
+    assert np.array_equal(replay.at(padded).map.cells, marked_cells)
+
+
+@pytest.mark.parametrize("robot", [JACKAL, WAFFLE], ids=lambda robot: robot.name)
+def test_a_planner_that_turns_at_its_goal_turns_on_and_one_that_stops_stops_first(robot):
+    driven, _ = simulated(robot, "generated:3", limit=3)
+    replay = replayed(robot, driven)
+    cycle = replay.cycles[-1]
+    x, y, yaw = cycle.pose
+    # The plan ends where the robot is, with another heading.
+    at_goal = replace(cycle, plan=np.array([(x, y, yaw + 1.5)]), twist=(0.2, 0.0))
+    turns = replace(at_goal, memory=cycle.memory._replace(is_turning=True))
+    for _ in range(2):
+        stopping = replay.planner.run(at_goal)
+        turning = replay.planner.run(turns)
+        assert stopping.command[1] == 0.0
+        assert turning.command[1] > 0.0
+        assert (stopping.memory.is_turning, turning.memory.is_turning) == (False, True)
+
+
+def test_a_change_of_a_costmaps_parameters_clears_it():
+    """As in C++, what the laser no longer sees is gone."""
+    driven, _ = simulated(JACKAL, "generated:40", limit=8)
+    padding = updates((7.0, "local_costmap", {"footprint_padding": 0.14}))
+    changed_replay = replayed(JACKAL, replace(driven, changes=padding))
+    unchanged_replay = replayed(JACKAL, driven)
+    assert lethal_cells(changed_replay.cycles[-1]) < lethal_cells(unchanged_replay.cycles[-1])
+
+
+def lethal_cells(cycle):
+    """Return the number of lethal cells in the local costmap of a cycle."""
+    _, cells, *_ = cycle.map
+    return np.count_nonzero(cells == LETHAL)
