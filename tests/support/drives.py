@@ -10,13 +10,13 @@ from typing import Any, Dict, Sequence, Tuple
 import numpy as np
 
 import worlds
+from applr_ros1.drives.columns import ACTIVE, PREEMPTED, Sender
 from applr_ros1.drives.drive import Commands, Decision, Drive, Motion, Rows
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.decision import Seen
 from applr_ros1.robots import Robot
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.bags.topics import PREEMPTED
 from training.bags.write import BagWriter
 from training.env.episode import Episode, counting_cells
 from training.env.outcome import Outcome
@@ -114,35 +114,37 @@ class Messages(BagWriter):
     record.
     """
 
+    def message(self, column, time, part="", **values):
+        """Write a message of a topic of COLUMNS."""
+        sender = Sender(self.robot, self.robot.frames.odom)
+        self.put(column, {"time": time, **values}, sender, part)
+
     def goal(self, time, pose, frame=""):
-        self.put("sent", time, pose, frame or self.robot.frames.odom)
+        self.message("sent", time, pose=pose, frame=frame or self.robot.frames.odom)
 
     def scan(self, time, ranges):
         laser = self.robot.laser
         fan = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        self.put("scans", time, laser.frame, fan, ranges)
+        self.message("scans", time, stamp=time, fan=fan, ranges=ranges)
 
     def odometry(self, time, pose, twist):
-        self.put("odometry", time, self.robot.frames.odom, self.robot.frames.base, pose, twist)
+        self.message("odometry", time, stamp=time, pose=pose, twist=twist)
 
     def status(self, time, goal, running=True, ended=0):
         """Write a goal that is active, or has ended with the status code `ended`; without both, no
         goal.
         """
-        if running:
-            self.put("status", time, goal)
-        else:
-            self.put("status", time, goal, ended or PREEMPTED)
+        code = ACTIVE if running else ended or PREEMPTED
+        self.message("goals", time, id=goal, code=code)
 
     def result(self, time, goal, code):
-        self.put("results", time, goal, code)
+        self.message("results", time, id=goal, code=code)
 
     def contact(self, time):
-        self.put("contacts", time, True)
+        self.message("contacts", time)
 
     def decision(self, time, number, goal, seen, before, after=None):
         """Write a decision; without `after`, the end of a course."""
         decision = Decision(goal, time, time, before, after or {}, seen)
-        channel = "ends" if after is None else "decisions"
-        frame = self.robot.frames.odom
-        self.put(channel, time, frame, number, decision, self.robot.world_scale)
+        sender = Sender(self.robot, self.robot.frames.odom, number=number)
+        self.put("ends" if after is None else "decisions", decision._asdict(), sender)

@@ -17,6 +17,7 @@ import numpy as np
 from applr_ros1.common.angles import inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive, Motion, Plans, Scans, nearest_rows
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.odometry_check import OdometryCheck
@@ -27,7 +28,7 @@ from applr_ros1.robots import Robot
 from training.bags.clocks import APART_S, clocks_differ, one_clock, scans_apart, stamped_later
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.read import read, refused, topics_in
-from training.bags.topics import BagOptions, TopicNames
+from training.bags.topics import BagOptions
 from training.bags.transforms import Tree
 from training.common.options import option
 from training.env.episode import counting_cells
@@ -36,7 +37,6 @@ CHANNELS = (
     "scans",
     "odometry",
     "transforms",
-    "static_transforms",
     "commands",
     "planned",
     "changes",
@@ -44,8 +44,7 @@ CHANNELS = (
     "routes",
     "recoveries",
     "decisions",
-    "status",
-    "results",
+    "goals",
     "sent",
 )
 # Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.

@@ -19,6 +19,17 @@ from rosbags.rosbag1 import Writer
 
 import worlds
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.columns import (
+    ACTIVE,
+    COLUMNS,
+    GAVE_UP,
+    PREEMPTED,
+    PREEMPTING,
+    REJECTED,
+    SECOND,
+    SUCCEEDED,
+    Sender,
+)
 from applr_ros1.drives.drive import (
     Changes,
     Commands,
@@ -41,18 +52,8 @@ from tests.support.drives import Messages, decided
 from training.appld import __main__ as appld
 from training.appld import demonstrate
 from training.appld.scripted_driver import Demonstrator
-from training.bags import SECOND
+from training.bags.maker import Maker
 from training.bags.read import bags_in, read
-from training.bags.topics import (
-    ACTIVE,
-    CHANNELS,
-    GAVE_UP,
-    PREEMPTED,
-    PREEMPTING,
-    REJECTED,
-    SUCCEEDED,
-    Maker,
-)
 from training.bags.write import BagWriter, write
 from training.env.env import ApplrEnv
 from training.env.episode import Episode
@@ -341,11 +342,13 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(bag_path):
 
 def test_decisions_of_older_bags_do_not_tell_whether_costmaps_were_cleared():
     decision = decided({"max_vel_x": 0.5})._replace(cleared=True)
-    channel = CHANNELS["decisions"]
-    message = channel.pack(Maker(), 1.0, "odom", 1, decision, 1.0)
-    assert channel.unpack(message)[-1] is True
+    column = COLUMNS["decisions"]
+    fields = column.pack(decision._asdict(), Sender(JACKAL, "odom"))
+    message = Maker().make(column.type, fields)
+    assert [row["cleared"] for row in column.unpack(message)] == [True]
     older_fields = {name: value for name, value in vars(message).items() if name != "cleared"}
-    assert channel.unpack(SimpleNamespace(**older_fields))[-1] is False
+    older_message = SimpleNamespace(**older_fields)
+    assert [row["cleared"] for row in column.unpack(older_message)] == [False]
 
 
 def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(bag_path):
