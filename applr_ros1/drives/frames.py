@@ -103,13 +103,13 @@ class Tree:
     """Frames and their links."""
 
     def __init__(self, transforms: Optional[Transforms]):
-        rows_by_child: Dict[str, List[int]] = {}
-        if transforms is not None:
-            for row, child in enumerate(transforms.child):
-                rows_by_child.setdefault(child, []).append(row)
         self._links: Dict[str, Link] = {}
+        if transforms is None:
+            return
+        rows_by_child: Dict[str, List[int]] = {}
+        for row, child in enumerate(transforms.child):
+            rows_by_child.setdefault(child, []).append(row)
         for child, rows in rows_by_child.items():
-            assert transforms is not None
             self._links[child] = Link(transforms, rows)
 
     def place(self, outer: str, inner: str, stamps: np.ndarray) -> Optional[Placement]:

@@ -19,7 +19,6 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
-from applr_ros1.drives.drive import Drive
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import Space, space_of
@@ -31,7 +30,7 @@ from training.common.provenance import without_folders
 
 with extra(__name__):
     from training.appld import classifier, segmentation
-    from training.appld.demonstration import policy_scans, read_demonstration
+    from training.appld.demonstration import Demonstration, policy_scans, read_demonstration
     from training.appld.fit import Fit, Stretch, fit, stretches
     from training.bags.read import bags_in
     from training.bags.topics import BagOptions
@@ -127,7 +126,7 @@ def run(arguments: List[str]) -> None:
 
 
 def _stretches_by_context(
-    demonstrations: Sequence[Drive], split: segmentation.Contexts, robot: Robot
+    demonstrations: Sequence[Demonstration], split: segmentation.Contexts, robot: Robot
 ) -> List[List[Stretch]]:
     """Return the stretches of each context, and print the segments.
 
@@ -135,7 +134,6 @@ def _stretches_by_context(
     """
     by_context: List[List[Stretch]] = [[] for _ in split.names]
     for demonstration_index, demonstration in enumerate(demonstrations):
-        assert demonstration.commands is not None
         times = demonstration.commands.time
         segments = []
         for segment in split.segments:
@@ -175,9 +173,8 @@ def _described(name: str, mean: np.ndarray, best: Fit, space: Space) -> Dict[str
     return log_entry
 
 
-def _source(demonstration: Drive) -> Dict[str, Any]:
+def _source(demonstration: Demonstration) -> Dict[str, Any]:
     """Return where a demonstration comes from: its bag, duration [s], and the bag's metadata."""
-    assert demonstration.commands is not None
     seconds = round(float(demonstration.commands.time[-1]), 2)
     return {**demonstration.source, "bag": demonstration.name, "seconds": seconds}
 

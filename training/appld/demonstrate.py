@@ -13,6 +13,7 @@ import sim_bridge
 import worlds
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive, SentGoal
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.robots import Robot
@@ -25,7 +26,6 @@ from worlds import World
 
 with extra(__name__):
     from training.appld.scripted_driver import NAME, Demonstrator
-    from training.bags.topics import TopicNames
     from training.bags.write import BagWriter
 
 LIMIT_S = 200.0  # simulated time after which the demonstrator gives up [s]

@@ -7,39 +7,68 @@ or by demonstrate.py with the scripted demonstrator.
 from __future__ import annotations
 
 import os
+from typing import Any, Dict, NamedTuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.drives.clocks import scans_apart
-from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, SentGoal, nearest_rows
+from applr_ros1.drives.columns import TopicNames, topic_of
+from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.read import BagError, read, refused
-from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD
 
-CHANNELS = ("scans", "odometry", "commands", "sent", "source")  # channels of a demonstration
+COLUMNS = ("scans", "odometry", "commands", "sent", "source")  # columns of a demonstration
 DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]
 HELD_S = 0.5  # duration for which a command remains valid [s]
 NEAR_S = 0.1  # largest time between an instant and its odometry [s]
 SHORTEST_S = 5.0  # minimum driving time of a demonstration [s]
 
 
+class Commanded(NamedTuple):
+    """Columns of a drive whose commands can be demonstrated."""
+
+    scans: Scans
+    odometry: Motion
+    commands: Commands
+
+
+class Demonstration(NamedTuple):
+    """Recorded driving in rows at the same instants, about every 50 ms: one per control cycle.
+
+    Attributes:
+        name: Name of the drive for people.
+        scans: Scan of each instant.
+        odometry: Pose and velocity of each instant.
+        commands: The demonstrator's command at each instant.
+        goal_pose: Pose (x, y, yaw) [m, m, rad] to which the demonstrator drove, in the odometry's
+            frame.
+        source: Who drove, and where, as told by the recorder.
+    """
+
+    name: str
+    scans: Scans
+    odometry: Motion
+    commands: Commands
+    goal_pose: Pose
+    source: Dict[str, Any]
+
+
 def read_demonstration(
     path: os.PathLike[str] | str, topics: TopicNames = TopicNames(), robot: Robot = JACKAL
-) -> Drive:
+) -> Demonstration:
     """Read a demonstration from a ROS 1 or ROS 2 bag with scans, odometry and commands.
 
-    Returns:
-        A drive whose scans, odometry and commands have a row at each instant: about every 50 ms,
-        one per control cycle, from the first to the last command. Its sent goal is the last one in
-        the odometry's frame, or its last pose.
+    It lasts from the first to the last command. Its goal is the last one that was sent in the
+    odometry's frame, or its last pose.
 
     Raises:
         BagError: The bag cannot be read, lacks a topic or has too little driving.
     """
     with refused(path):
-        drive = read(path, robot, topics, CHANNELS)
+        drive = read(path, robot, topics, COLUMNS)
         for column in ("scans", "odometry", "commands"):
             rows = getattr(drive, column)
             if rows is None or len(rows) < 2:
@@ -47,25 +76,23 @@ def read_demonstration(
         return instants(drive)
 
 
-def instants(drive: Drive) -> Drive:
+def instants(drive: Drive) -> Demonstration:
     """Return a drive with rows at the same instants, as read_demonstration does.
 
     Raises:
         BagError: Scans and odometry have different clocks, or there is too little driving.
+        DriveError: The drive lacks scans, odometry or commands.
     """
-    assert drive.scans is not None
-    assert drive.odometry is not None
-    assert drive.commands is not None
-    motion = drive.odometry
-    apart = scans_apart(drive.scans, motion)
+    scans, motion, all_commands = drive.require(Commanded)
+    apart = scans_apart(scans, motion)
     if apart:
         raise BagError(apart)
     # The instants are those of scans: odometry and commands are more frequent.
-    scan_rows = _beats(drive.scans.stamp)
-    times = drive.scans.stamp[scan_rows]
+    scan_rows = _beats(scans.stamp)
+    times = scans.stamp[scan_rows]
     motion_rows = nearest_rows(motion.stamp, times)
     is_located = np.abs(motion.stamp[motion_rows] - times) < NEAR_S
-    commands = _commands(drive.commands, times)
+    commands = _commands(all_commands, times)
 
     # The demonstration begins and ends with driving.
     has_motion = np.abs(commands).max(axis=1) > DRIVING_SPEED
@@ -80,38 +107,39 @@ def instants(drive: Drive) -> Drive:
 
     elapsed_times = times[chosen_rows] - times[chosen_rows[0]]
     scan_rows = scan_rows[chosen_rows]
-    ranges = [drive.scans.ranges[scan_row] for scan_row in scan_rows.tolist()]
+    ranges = [scans.ranges[scan_row] for scan_row in scan_rows.tolist()]
     motion_rows = motion_rows[chosen_rows]
     poses = motion.pose[motion_rows]
     # Without a goal, the planner of the fit drives to where the demonstration ended.
-    goal_pose = tuple(poses[-1].tolist())
+    last_x, last_y, last_yaw = poses[-1].tolist()
+    goal_pose = last_x, last_y, last_yaw
     for sent in drive.sent:
         if sent.frame == drive.frame:
             goal_pose = sent.pose
-    return Drive(
+    return Demonstration(
         name=drive.name,
-        frame=drive.frame,
+        scans=Scans(elapsed_times, elapsed_times, scans.fan[scan_rows], ranges),
         odometry=Motion(elapsed_times, elapsed_times, poses, motion.twist[motion_rows]),
-        scans=Scans(elapsed_times, elapsed_times, drive.scans.fan[scan_rows], ranges),
         commands=Commands(elapsed_times, commands[chosen_rows]),
-        sent=[SentGoal(0.0, goal_pose, drive.frame)],
+        goal_pose=goal_pose,
         source=drive.source or {"demonstrator": "not stated"},
     )
 
 
-def is_driving(drive: Drive) -> np.ndarray:
+def is_driving(demonstration: Demonstration) -> np.ndarray:
     """Return the mask (n,) of the instants at which the demonstrator drives."""
-    assert drive.commands is not None
-    return np.asarray(np.abs(drive.commands.twist).max(axis=1) > DRIVING_SPEED)
+    return np.asarray(np.abs(demonstration.commands.twist).max(axis=1) > DRIVING_SPEED)
 
 
-def policy_scans(drive: Drive, robot: Robot) -> np.ndarray:
+def policy_scans(demonstration: Demonstration, robot: Robot) -> np.ndarray:
     """Return the scans (n, beams) float32 [m] resampled for a policy: 720 beams for the Jackal."""
-    assert drive.scans is not None
     layout = layout_of(robot)
-    first_angle, increment = drive.scans.fan[0, :2].tolist()
+    recorded_scans = demonstration.scans
+    first_angle, increment = recorded_scans.fan[0, :2].tolist()
     direction = first_angle + robot.laser.pose[2]
-    scans = [layout.resample(ranges, direction, increment) for ranges in drive.scans.ranges]
+    scans = []
+    for ranges in recorded_scans.ranges:
+        scans.append(layout.resample(ranges, direction, increment))
     return np.array(scans)
 
 

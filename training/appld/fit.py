@@ -13,14 +13,13 @@ from typing import List, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
-from training.appld.demonstration import is_driving
+from training.appld.demonstration import Demonstration, is_driving
 from training.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD
 
@@ -38,7 +37,7 @@ INSIDE = 0.9  # factor of the first mean of the search, which CMA-ES wants insid
 class Stretch:
     """Part of a demonstration to be replayed, and a copy of the planner at its start."""
 
-    demonstration: Drive
+    demonstration: Demonstration
     robot: Robot
     first: int
     last: int
@@ -69,13 +68,13 @@ class Fit:
     instants: int
 
 
-def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple[float, float]:
+def step(
+    planner: MoveBase, demonstration: Demonstration, robot: Robot, i: int
+) -> Tuple[float, float]:
     """Return the planner's command (v, w) [m/s, rad/s] at instant i, or (0, 0) if it has none.
 
     The planner gets the pose, twist and scan of the demonstration, and the time of clock().
     """
-    assert demonstration.odometry is not None
-    assert demonstration.scans is not None
     planner_time = clock(i)
     pose = tuple(demonstration.odometry.pose[i].tolist())
     twist = tuple(demonstration.odometry.twist[i].tolist())
@@ -102,10 +101,11 @@ def clock(i: int) -> float:
     return 1.0 + i * CONTROL_PERIOD
 
 
-def stretches(demonstration: Drive, robot: Robot, spans: Sequence[Segment]) -> List[Stretch]:
+def stretches(
+    demonstration: Demonstration, robot: Robot, spans: Sequence[Segment]
+) -> List[Stretch]:
     """Return a Stretch for each segment, from a replay of the whole demonstration with theta_0."""
-    assert demonstration.commands is not None
-    goal_pose = demonstration.sent[-1].pose
+    goal_pose = demonstration.goal_pose
     planner = MoveBase(counting_cells(robot.parameters()))
     space = space_of(robot)
     send(space.settings(space.theta0), planner)
@@ -133,7 +133,6 @@ def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     k is the number of instants that are not ignored.
     """
     demonstration = stretch.demonstration
-    assert demonstration.commands is not None
     planner = copy.deepcopy(stretch.planner)
     send(space_of(stretch.robot).settings(theta), planner)
     replayed_instants = range(stretch.first, stretch.last)

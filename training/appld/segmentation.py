@@ -13,10 +13,9 @@ from typing import List, NamedTuple
 import numpy as np
 import scipy
 
-from applr_ros1.drives.drive import Drive
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import Robot
-from training.appld.demonstration import policy_scans
+from training.appld.demonstration import Demonstration, policy_scans
 from training.env.episode import CONTROL_PERIOD
 
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
@@ -52,7 +51,7 @@ class Contexts:
     means: np.ndarray
 
 
-def features(demonstration: Drive, robot: Robot) -> np.ndarray:
+def features(demonstration: Demonstration, robot: Robot) -> np.ndarray:
     """Return FEATURES (n, 5): |v|, |w|, and the free distances ahead and beside the robot.
 
     The two distances beside the robot are sorted, so that a wall on either side is the same.
@@ -70,7 +69,6 @@ def features(demonstration: Drive, robot: Robot) -> np.ndarray:
         free_distances.append(ranges[:, layout.sector(bearing, width)].min(axis=1))
     ahead, right, left = free_distances
 
-    assert demonstration.commands is not None
     speeds = np.abs(demonstration.commands.twist)
     sides = np.sort(np.column_stack([right, left]), axis=1)
     raw_features = np.column_stack([speeds, ahead, sides])
@@ -79,7 +77,7 @@ def features(demonstration: Drive, robot: Robot) -> np.ndarray:
 
 
 def find(
-    demonstrations: List[Drive], robot: Robot, most: int = 4, penalty: float = 3.0
+    demonstrations: List[Demonstration], robot: Robot, most: int = 4, penalty: float = 3.0
 ) -> Contexts:
     """Return the contexts of one or more demonstrations.
 

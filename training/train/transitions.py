@@ -17,20 +17,20 @@ from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.clocks import scans_apart
-from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Motion
+from applr_ros1.drives.columns import TopicNames, topic_of
+from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Measured, Motion, Scans
 from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.read import BagError
-from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD, TIME_LIMIT
 from training.env.outcome import Leg, Outcome, outcome_of
 from training.env.reward import Reward, failed
 from training.env.trajectory import Trajectory, TransitionLayout
 
-# Channels of a recorded drive that transitions need
-CHANNELS = ("scans", "odometry", "status", "results", "decisions", "ends", "contacts")
+# Columns of a recorded drive that transitions need
+COLUMNS = ("scans", "odometry", "goals", "decisions", "ends", "contacts")
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
 # Movement between two poses that counts as a jump, in addition to that at FASTEST_M_S [m]
@@ -44,10 +44,36 @@ class Skipped(ApplrError):
     """
 
 
+class Observed(NamedTuple):
+    """Decision, or end of a course, whose inputs were recorded."""
+
+    decision: Decision
+    seen: Seen
+
+
+class Recorded(NamedTuple):
+    """Columns of a drive that gives transitions.
+
+    Attributes:
+        drive: The drive, for outcomes.
+        scans: Laser scans.
+        odometry: Motion by odometry.
+        decisions: Decisions of the method.
+        ends: Observations of the method at the ends of courses.
+    """
+
+    drive: Drive
+    scans: Scans
+    odometry: Motion
+    decisions: List[Observed]
+    ends: List[Observed]
+
+
 class Moment(NamedTuple):
     """Moment of a course: a decision, or an end, with the robot's place (x, y) [m]."""
 
     decision: Decision
+    seen: Seen
     place: Tuple[float, ...]
     is_end: bool
 
@@ -57,17 +83,14 @@ class State:
     """State of the learning problem: a decision, or the end of a course.
 
     Attributes:
-        decision: The decision; at the end of a course, the observation there instead.
-        place: (x, y) [m] of the robot in the decision's frame.
-        is_end: Whether the course ended or was interrupted here.
+        moment: The decision, with the robot's place in its frame; at the end of a course, or where
+            it was interrupted, the observation there instead.
         theta: (k,) current parameters after the decision.
         observation: Observation on which the decision is based.
         outcome: Outcome of the previous decision.
     """
 
-    decision: Decision
-    place: Tuple[float, ...]
-    is_end: bool
+    moment: Moment
     theta: np.ndarray
     observation: np.ndarray
     outcome: Outcome
@@ -75,7 +98,7 @@ class State:
     @property
     def time(self) -> float:
         """Time of the decision [s]."""
-        return self.decision.time
+        return self.moment.decision.time
 
 
 def transitions(
@@ -89,7 +112,7 @@ def transitions(
     """Return a Trajectory for each usable part of the drive to each goal.
 
     Args:
-        drive: Recorded drive with CHANNELS.
+        drive: Recorded drive with COLUMNS.
         robot: Robot that drove.
         observation: Name of the encoding of the transitions.
         reward: Reward of a transition.
@@ -105,44 +128,60 @@ def transitions(
         BagError: The drive lacks required data.
     """
     encoding = ENCODINGS[observation](robot, decision_period(drive))
-    _check(drive, encoding, topics)
+    recorded = _recorded(drive, encoding, topics)
     trajectories: List[Trajectory] = []
     skipped: Counter[str] = Counter()
     for goal in drive.goals:
         try:
-            check_motion(drive, goal)
-            states = _states(drive, encoding, goal, finish)
+            check_motion(recorded.odometry, goal)
+            states = _states(recorded, encoding, goal, finish)
         except Skipped as reason:
             skipped[str(reason)] += 1
             continue
-        for run in _usable_runs(drive, encoding, states, skipped):
+        for run in _usable_runs(recorded.scans, encoding, states, skipped):
             trajectories.append(_trajectory(encoding, run, reward))
     return trajectories, skipped
 
 
-def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
-    """Raise BagError if a drive lacks data for transitions of this encoding."""
+def _recorded(drive: Drive, encoding: Encoding, topics: TopicNames) -> Recorded:
+    """Return the columns of a drive for transitions of this encoding.
+
+    Raises:
+        BagError: The drive lacks required data.
+    """
     if not drive.decisions:
         topic = topic_of("decisions", topics)
         raise BagError(
             f"no decisions on {topic}: record a drive of the applr node with record:=FILE"
         )
-    for column, channel in (("scans", "scans"), ("odometry", "odometry"), ("goals", "status")):
+    for column in ("scans", "odometry", "goals"):
         if not getattr(drive, column):
-            raise BagError(f"no {column} on {topic_of(channel, topics)}")
-    # An older node published decisions without the inputs that they were based on.
-    if any(decision.seen is None for decision in (*drive.decisions, *drive.ends)):
-        raise BagError("its decisions were recorded by an older version, without their inputs")
-    assert drive.scans is not None
-    assert drive.odometry is not None
-    apart = scans_apart(drive.scans, drive.odometry)
+            raise BagError(f"no {column} on {topic_of(column, topics)}")
+    decisions = _observed(drive.decisions)
+    ends = _observed(drive.ends)
+    odometry, scans = drive.require(Measured)
+    apart = scans_apart(scans, odometry)
     if apart:
         raise BagError(apart)
-    recorded = list(drive.decisions[0].before)
-    if set(recorded) != set(encoding.space.names):
-        raise BagError(
-            f"its decisions set {', '.join(recorded)}: give the --robot with these parameters"
-        )
+    parameter_names = list(drive.decisions[0].before)
+    if set(parameter_names) != set(encoding.space.names):
+        parameters = ", ".join(parameter_names)
+        raise BagError(f"its decisions set {parameters}: give the --robot with these parameters")
+    return Recorded(drive, scans, odometry, decisions, ends)
+
+
+def _observed(decisions: Sequence[Decision]) -> List[Observed]:
+    """Return decisions with their inputs.
+
+    Raises:
+        BagError: An older node published them without the inputs that they were based on.
+    """
+    observed = []
+    for decision in decisions:
+        if decision.seen is None:
+            raise BagError("its decisions were recorded by an older version, without their inputs")
+        observed.append(Observed(decision, decision.seen))
+    return observed
 
 
 # -- courses ---------------------------------------------------------------------------------------
@@ -163,9 +202,8 @@ def decision_period(drive: Drive) -> float:
     return round(cycles * CONTROL_PERIOD, 9)
 
 
-def check_motion(drive: Drive, goal: Goal) -> None:
+def check_motion(motion: Motion, goal: Goal) -> None:
     """Raise Skipped if the odometry jumped while the goal was pursued, as the clock may have."""
-    motion = _odometry(drive)
     is_pursued = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)
     if is_pursued.sum() < 2:
         raise Skipped("no odometry while the goal was pursued")
@@ -174,62 +212,55 @@ def check_motion(drive: Drive, goal: Goal) -> None:
         raise Skipped("the odometry jumped")
 
 
-def _odometry(drive: Drive) -> Motion:
-    assert drive.odometry is not None  # See _check.
-    return drive.odometry
-
-
 # -- states ----------------------------------------------------------------------------------------
-def _seen(decision: Decision) -> Seen:
-    assert decision.seen is not None  # See _check.
-    return decision.seen
-
-
-def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float]) -> List[State]:
+def _states(
+    recorded: Recorded, encoding: Encoding, goal: Goal, finish: Optional[float]
+) -> List[State]:
     """Return the states at a goal's decisions and at the ends and interruptions of its course."""
-    decisions = _of_goal(drive.decisions, goal, goal.end)
+    decisions = _of_goal(recorded.decisions, goal, goal.end)
     if not decisions:
         raise Skipped("no decision was recorded for the goal")
-    ends = _of_goal(drive.ends, goal, goal.end + MAX_AGE_S)
+    ends = _of_goal(recorded.ends, goal, goal.end + MAX_AGE_S)
     if finish is not None:
-        goal = _finished(drive, goal, decisions, finish)
+        goal = _finished(recorded.odometry, goal, decisions, finish)
         decisions = _of_goal(decisions, goal, goal.end)
         ends = _of_goal(ends, goal, goal.end)
-    moments = _moments(drive, goal, decisions, ends)
+    moments = _moments(recorded.odometry, goal, decisions, ends)
     if len(moments) < 2:
         raise Skipped("shorter than one decision")
 
     states: List[State] = []
     encoding.reset()
-    for decision_count, (decision, place, is_end) in enumerate(moments):
+    for decision_count, moment in enumerate(moments):
+        decision = moment.decision
         theta_before = _theta(encoding, decision.before)
         theta_after = _theta(encoding, decision.after or decision.before)
-        context = Context.of(theta_before, _seen(decision), encoding.space, encoding.layout)
+        context = Context.of(theta_before, moment.seen, encoding.space, encoding.layout)
         outcome = Outcome(theta_before, decisions=decision_count)
         observation = encoding.observe(context)
-        states.append(State(decision, place, is_end, theta_after, observation, outcome))
+        states.append(State(moment, theta_after, observation, outcome))
         if decision_count:
             # Only the last decision of a course leads to the goal's result.
-            is_last = decision_count == len(moments) - 1 and is_end and goal.has_ended
+            is_last = decision_count == len(moments) - 1 and moment.is_end and goal.has_ended
             result = goal if is_last else goal._replace(status="")
-            states[-1].outcome = _outcome(drive, encoding.robot, result, *states[-2:])
-        if is_end:
+            states[-1].outcome = _outcome(recorded.drive, encoding.robot, result, *states[-2:])
+        if moment.is_end:
             # The encoding remembers earlier observations, which a new course must not see.
             encoding.reset()
     return states
 
 
-def _of_goal(decisions: Sequence[Decision], goal: Goal, until: float) -> List[Decision]:
+def _of_goal(decisions: Sequence[Observed], goal: Goal, until: float) -> List[Observed]:
     """Return the decisions or ends of a goal until a time [s]."""
     decisions_of_goal = []
-    for decision in decisions:
-        if decision.goal == goal.id and decision.time <= until:
-            decisions_of_goal.append(decision)
+    for observed in decisions:
+        if observed.decision.goal == goal.id and observed.decision.time <= until:
+            decisions_of_goal.append(observed)
     return decisions_of_goal
 
 
 def _moments(
-    drive: Drive, goal: Goal, decisions: Sequence[Decision], ends: Sequence[Decision]
+    odometry: Motion, goal: Goal, decisions: Sequence[Observed], ends: Sequence[Observed]
 ) -> List[Moment]:
     """Return decisions and ends in order of time.
 
@@ -237,48 +268,50 @@ def _moments(
     that was reached or aborted ends with the observation of the last decision, because the value of
     a terminal state is not used.
     """
-    moments = [Moment(decision, _seen(decision).pose[:2], False) for decision in decisions]
-    for end_decision in ends:
+    moments = []
+    for decision, seen in decisions:
+        moments.append(Moment(decision, seen, seen.pose[:2], is_end=False))
+    for end_decision, seen in ends:
         in_time = end_decision._replace(time=min(end_decision.time, goal.end))
-        moments.append(Moment(in_time, _seen(end_decision).pose[:2], True))
+        moments.append(Moment(in_time, seen, seen.pose[:2], is_end=True))
     moments.sort(key=lambda moment: moment.decision.time)
 
     latest_moment = moments[-1]
     is_recorded = latest_moment.is_end and latest_moment.decision.time > goal.end - MAX_AGE_S
-    last_decision = decisions[-1]
+    last_decision, last_seen = decisions[-1]
     if goal.has_ended and last_decision.time < goal.end and not is_recorded:
         values_at_end = last_decision.after or last_decision.before
         end_decision = last_decision._replace(time=goal.end, before=values_at_end)
-        _, places = _driven(drive, last_decision, goal.end)
-        moments.append(Moment(end_decision, tuple(places[-1]), True))
+        _, places = _driven(odometry, decisions[-1], goal.end)
+        moments.append(Moment(end_decision, last_seen, tuple(places[-1]), is_end=True))
     return moments
 
 
-def _finished(drive: Drive, goal: Goal, decisions: List[Decision], finish: float) -> Goal:
+def _finished(odometry: Motion, goal: Goal, decisions: List[Observed], finish: float) -> Goal:
     """Return the goal, which ends as reached once the robot has driven `finish` [m] towards it."""
-    start_position = np.array(_seen(decisions[0]).pose[:2])
-    end_times = [*(decision.time for decision in decisions[1:]), goal.end]
-    for decision, until in zip(decisions, end_times):
-        times, places = _driven(drive, decision, until)
-        towards = np.array(_seen(decision).goal[:2]) - start_position
+    start_position = np.array(decisions[0].seen.pose[:2])
+    end_times = [*(observed.decision.time for observed in decisions[1:]), goal.end]
+    for observed, until in zip(decisions, end_times):
+        times, places = _driven(odometry, observed, until)
+        towards = np.array(observed.seen.goal[:2]) - start_position
         is_past = (places - start_position) @ towards >= finish * np.hypot(*towards)
         if is_past.any():
             return goal._replace(end=float(times[np.argmax(is_past)]), status=REACHED)
     return goal
 
 
-def _driven(drive: Drive, decision: Decision, until: float) -> Tuple[np.ndarray, np.ndarray]:
+def _driven(motion: Motion, observed: Observed, until: float) -> Tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [s] and positions (n, 2) [m] of the robot after a decision.
 
     The positions are in the decision's frame. They begin with the pose in the decision, which is
     for the time of its scan, and continue by odometry.
     """
-    motion = _odometry(drive)
+    decision, seen = observed
     first_row = int(np.argmin(np.abs(motion.stamp - decision.scan_time)))
     later_rows = np.flatnonzero((motion.stamp > motion.stamp[first_row]) & (motion.stamp <= until))
     rows = np.append(first_row, later_rows)
     # Transform that brings the odometry's first pose to that in the decision
-    from_odometry = compose(_seen(decision).pose, inverse(tuple(motion.pose[first_row].tolist())))
+    from_odometry = compose(seen.pose, inverse(tuple(motion.pose[first_row].tolist())))
     x, y = transform_point(from_odometry, motion.pose[rows, 0], motion.pose[rows, 1])
     return motion.stamp[rows], np.column_stack([x, y])
 
@@ -290,27 +323,32 @@ def _theta(encoding: Encoding, values: Dict[str, float]) -> np.ndarray:
 
 def _outcome(drive: Drive, robot: Robot, goal: Goal, before: State, after: State) -> Outcome:
     """Return the outcome of the decision in the state `before`, which led to `after`."""
-    leg = Leg(before.time, after.time, _seen(before.decision).goal, before.place, after.place)
+    leg = Leg(
+        begin=before.time,
+        end=after.time,
+        goal=before.moment.seen.goal,
+        start_place=before.moment.place,
+        end_place=after.moment.place,
+    )
     expected = after.outcome
     return outcome_of(
         drive, goal, leg, expected.theta, expected.decisions, body_width=robot.body.size[1]
     )
 
 
-def _unusable(drive: Drive, encoding: Encoding, before: State, after: State) -> str:
+def _unusable(scans: Scans, encoding: Encoding, before: State, after: State) -> str:
     """Return why a transition cannot be used, or "" if it can."""
     # The reward is for a period: a much shorter or longer one would be another problem's.
     seconds = after.time - before.time
     is_early = seconds < 0.5 * encoding.period and not after.outcome.over
-    if is_early and after.is_end:
+    if is_early and after.moment.is_end:
         return "a course was interrupted soon after a decision"
     if is_early or seconds > 1.5 * encoding.period:
         return "a decision's period differs from the others"
 
     # Without scans, a contact or a small clearance may have been missed.
-    assert drive.scans is not None
-    stamps = drive.scans.stamp
-    stamps = stamps[(stamps >= before.time - MAX_AGE_S) & (stamps <= after.time)]
+    is_near = (scans.stamp >= before.time - MAX_AGE_S) & (scans.stamp <= after.time)
+    stamps = scans.stamp[is_near]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S:
         return "scans are missing"
     # A person, or a refusal of the planner, may have set other values.
@@ -321,7 +359,7 @@ def _unusable(drive: Drive, encoding: Encoding, before: State, after: State) -> 
 
 # -- episodes --------------------------------------------------------------------------------------
 def _usable_runs(
-    drive: Drive, encoding: Encoding, states: List[State], skipped: Counter[str]
+    scans: Scans, encoding: Encoding, states: List[State], skipped: Counter[str]
 ) -> Iterator[List[State]]:
     """Yield runs of states with usable transitions between them.
 
@@ -330,11 +368,11 @@ def _usable_runs(
     run = states[:1]
     for before, after in zip(states, states[1:]):
         reason = ""
-        if not before.is_end:
-            reason = _unusable(drive, encoding, before, after)
+        if not before.moment.is_end:
+            reason = _unusable(scans, encoding, before, after)
         if reason:
             skipped[reason] += 1
-        if reason or before.is_end:
+        if reason or before.moment.is_end:
             if len(run) > 1:
                 yield run
             run = []

@@ -228,18 +228,18 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     )
     if values["page"] != "none":
         begins = observer.began - BASE_TIME_S
-        write_bytes(values["page"], _page(drive, setup.robot, begins, result, spoiled))
+        write_bytes(values["page"], _page(drive, setup, begins, result, spoiled))
         result["page"] = values["page"]
         report(result["page"])
 
 
-def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any], spoiled: str) -> bytes:
+def _page(drive: Drive, setup: Setup, begins: float, result: Dict[str, Any], spoiled: str) -> bytes:
     """Return the page of a drive that begins at the world's time `begins` [s].
 
     spoiled: What a busy machine has spoiled, or "".
     """
-    world = drive.world
-    assert world is not None
+    robot = setup.robot
+    world = setup.world
     outline = geometry.outline(robot)
     space = space_of(robot)
     distance_note = "distances are those of the robot's outline in the simulated world"
@@ -336,8 +336,7 @@ class Observer:
         while not status:
             time.sleep(0.01)
             check()
-            assert self._latest is not None
-            seconds = self._latest.time - self.began
+            seconds = self._motion.time - self.began
             status, reason = self._end(seconds, limit)
             if seconds - progress_time >= PROGRESS_PERIOD_S:
                 progress_time += PROGRESS_PERIOD_S
@@ -352,11 +351,11 @@ class Observer:
 
     def _begin(self) -> Recorder:
         """Start recording with the latest motion and parameters."""
-        assert self._latest is not None
-        self.began = self._latest.time
+        motion = self._motion
+        self.began = motion.time
         # From here on, callbacks record.
         self._recorder = Recorder(self.world)
-        self._recorder.moved(0.0, self._latest.pose, self._latest.twist)
+        self._recorder.moved(0.0, motion.pose, motion.twist)
         if self._odometry is not None:
             self._recorder.localised(0.0, self._odometry.pose, self._odometry.twist)
         self._record_parameters(0.0)
@@ -364,8 +363,7 @@ class Observer:
 
     def _end(self, seconds: float, limit: float) -> Tuple[str, str]:
         """Return how the drive has ended, and why in words; ("", "") while it goes on."""
-        assert self._latest is not None
-        x, y, _ = self._latest.pose
+        x, y, _ = self._motion.pose
         goal_state = self.client.get_state()
         # The planner may stop short of the course's goal by its own tolerance.
         tolerance = self._tolerance if goal_state == GoalStatus.SUCCEEDED else None
@@ -394,9 +392,9 @@ class Observer:
 
     def _report_progress(self, seconds: float, drive: Drive) -> None:
         """Print the distance to the goal, the speed, and contacts since the last line."""
-        assert self._latest is not None
-        x, y, _ = self._latest.pose
-        speed, _ = self._latest.twist
+        motion = self._motion
+        x, y, _ = motion.pose
+        speed, _ = motion.twist
         course = self.world.course
         distance_left = math.dist(course.goal[:2], (x, y))
         if course.finish_y is not None:
@@ -404,6 +402,17 @@ class Observer:
         has_touched = (drive.contacts > seconds - PROGRESS_PERIOD_S).any()
         contact_note = "   contact" if has_touched else ""
         report(f"{seconds:6.1f} s    {distance_left:5.2f} m to go   {speed:4.2f} m/s{contact_note}")
+
+    @property
+    def _motion(self) -> Reading:
+        """Latest true motion.
+
+        Raises:
+            ApplrError: None has arrived.
+        """
+        if self._latest is None:
+            raise ApplrError("the simulator has not published the robot's motion: wait for `parts`")
+        return self._latest
 
     def _on_message(self, topic: str, _: Any) -> None:
         self._up.add(topic)

@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader
 
 import worlds
 from applr_ros1.common.paths import step_lengths
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import actor, methods
@@ -25,7 +26,6 @@ from training.appld import fit as appld_fit
 from training.appld import scripted_driver as demonstrator
 from training.appld import segmentation as contexts
 from training.appld.demonstrate import main as demonstrate
-from training.bags.topics import TopicNames
 from worlds.world import clearance
 
 
@@ -58,7 +58,7 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     assert 0.2 < highest_speed <= robot.base.max_speed
     assert len(drive.scans.ranges[0]) == robot.laser.beams
     world = worlds.scaled(worlds.load("generated:3"), robot.world_scale)
-    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(world.course))
+    assert drive.goal_pose[:2] == pytest.approx(from_start_to_goal(world.course))
 
     # The laser is slower than the control cycle of 0.05 s, in which the odometry comes.
     message_counts = {}
@@ -85,7 +85,7 @@ def test_bag_is_read_as_it_was_driven(bag):
     assert np.abs(measured_speed - commanded_speed).mean() < 0.05
 
     course = worlds.load("generated:3").course
-    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(course))
+    assert drive.goal_pose[:2] == pytest.approx(from_start_to_goal(course))
 
 
 @pytest.mark.parametrize("spec", ["generated:290", "physical_course"])
@@ -145,7 +145,10 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
         list(ranges.astype(np.float32)),
     )
     commands = Commands(time, np.column_stack([speed, yaw_rate]))
-    drive = Drive(scans=scans, commands=commands)
+    motion = Motion(time, time, np.zeros((count, 3)), commands.twist)
+    drive = demonstration.Demonstration(
+        "", scans, motion, commands, goal_pose=(0.0, 0.0, 0.0), source={}
+    )
 
     # When: its contexts are sought
     segments = contexts.find([drive], JACKAL).segments
