@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict
+from typing import Any, Callable, Dict, Mapping
 
 import numpy as np
 
@@ -45,14 +45,14 @@ def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlan
     """
     plugin = full["base_local_planner"]
     server = namespace(plugin)
-    parameters = dict(full[server], **config.start_up(server))
+    parameters = dict(full[server])
     # In C++, DWAPlannerROS reads this parameter from move_base's own namespace.
     if server == "DWAPlannerROS":
         parameters["latch_xy_goal_tolerance"] = full["latch_xy_goal_tolerance"]
-    outline = footprint.padded(config.start_up("local_costmap"))
+    outline = footprint.padded(full["local_costmap"])
     planner = LOCAL_PLANNERS[plugin](parameters, outline)
     # After a reset that keeps the parameters, values changed at run time differ from these.
-    if config[server] != config.start_up(server):
+    if config[server] != config.start_up[server]:
         planner.reconfigure(config[server])
     return planner
 
@@ -83,7 +83,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     )
 
 
-def _describe(layer: Layer, static: Dict[str, Any], current: Dict[str, Any]) -> LayerDescription:
+def _describe(layer: Layer, static: Dict[str, Any], current: Mapping[str, Any]) -> LayerDescription:
     """Return the description of a layer.
 
     Args:

@@ -8,7 +8,7 @@ planner against this contract.
 from __future__ import annotations
 
 import abc
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class LocalPlanner(abc.ABC):
         """
 
     @abc.abstractmethod
-    def reconfigure(self, params: Dict[str, Any]) -> None:
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Apply new values {name: value} of server parameters.
 
         Raises:

@@ -7,7 +7,7 @@ a clock nor a random source: time and seed are arguments. state_machine.py handl
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterable, List, Optional, Sequence, Set, Tuple, Union
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
+from applr_ros1.planner.parameters.settings import Settings, are_in_force
 from applr_ros1.planner.state_machine import (
     NO_PLAN,
     Components,
@@ -453,14 +454,20 @@ class MoveBase:
         """dynamic_reconfigure servers by name. move_base's own server has the name ""."""
         return servers(self.parameters)
 
-    def configuration(self, server: str) -> Dict[str, Any]:
+    def configuration(self, server: str) -> Mapping[str, Any]:
         """Return the current values of a server ("", "TrajectoryPlannerROS", ...).
 
-        The caller must not modify them.
+        Raises:
+            ParameterError: there is no such server.
         """
         return self._config[server]
 
-    def reconfigure(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
+    @property
+    def start_up(self) -> Settings:
+        """Settings of all servers at start-up, as given by the parameter files."""
+        return self._config.start_up
+
+    def reconfigure(self, server: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Apply `values`, clamped to their bounds, and return the resulting values.
 
         As in C++, each call of a costmap's server clears the costmap, even with unchanged values,
@@ -486,11 +493,21 @@ class MoveBase:
             self._reconfigure_costmap(server, changed_names)
         elif costmap_name in COSTMAPS and changed_names:
             self.costmaps[costmap_name].configure(layer_name, **new_values)
-        return dict(new_values)
+        return new_values
 
-    def start_up_configuration(self, server: str) -> Dict[str, Any]:
-        """Return the start-up values of a server, as set by the parameter files."""
-        return self._config.start_up(server)
+    def put_in_force(self, settings: Settings) -> Settings:
+        """Put settings in force, and return the resulting values of their servers.
+
+        Like the applr node over ROS, it does not call servers that already have the values.
+
+        Raises:
+            ParameterError: as of `reconfigure`. Servers called before have their new values.
+        """
+        for server, values in settings.items():
+            if not are_in_force(values, self.configuration(server)):
+                self.reconfigure(server, values)
+        # A server may clamp a value or change its older name, so that all its values are returned.
+        return self._config.current.only(settings)
 
     def set_footprint(self, name: str, vertices: Iterable[Sequence[float]]) -> None:
         """Set the unpadded footprint (n, 2) [m] of a costmap, as received on its footprint topic.

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from random import Random
-from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -153,7 +153,7 @@ class CycleInput(NamedTuple):
     global_pose: Optional[Pose]
     local_origin: Optional[Pose]
     twist: Twist
-    settings: Dict[str, Any]
+    settings: Mapping[str, Any]
     scan_is_stale: bool
 
 

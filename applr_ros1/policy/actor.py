@@ -138,7 +138,7 @@ class Policy(_FromFile):
         return action
 
     def theta(self, context: Optional[Context]) -> Array:
-        """Return the parameters (n,) of a decision, within the robot's ranges.
+        """Return the parameters (n,) of a decision, which the Pilot clips.
 
         Raises ApplrError on NaN or inf.
         """

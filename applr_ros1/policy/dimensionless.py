@@ -199,7 +199,10 @@ class DimensionlessEncoding(Encoding):
         return self._scale.encode(output_values)
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,) of the robot's space for an action (12,)."""
+        """Return the parameters (n,) for an action (12,).
+
+        They may leave the robot's ranges, and counts are not rounded.
+        """
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (len(OUTPUTS),) or not np.isfinite(action).all():
             raise ApplrError(f"action {action!r:.80}: {len(OUTPUTS)} finite numbers are needed")
@@ -207,7 +210,7 @@ class DimensionlessEncoding(Encoding):
         theta = self._base.copy()
         for theta_index, output_index in self._places:
             theta[theta_index] = output_values[output_index]
-        return self.space.clip(theta)
+        return theta
 
     def observe(self, context: Context) -> np.ndarray:
         """Return the observation (SIZE,) float32, and keep scan and context for the next one."""

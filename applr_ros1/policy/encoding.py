@@ -155,7 +155,7 @@ class Encoding:
         raise NotImplementedError
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,) for an action (actions,), within the robot's ranges.
+        """Return the parameters (n,) for an action (actions,), which the Pilot clips.
 
         Raises ApplrError for NaN, infinity and another length.
         """

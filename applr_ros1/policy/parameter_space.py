@@ -213,14 +213,18 @@ class Space:
         """Unique names of the servers that hold the parameters, in their order."""
         return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
-    def settings(self, theta: Any) -> Settings:
+    def settings(self, theta: Any, per_cell: bool = False) -> Settings:
         """Return the values that parameters (n,) set after clipping: a request per server.
 
         Those of theta_0 are the robot's defaults, which are not clipped.
-        """
-        return self.settings_of(self.as_dict(self.clip(theta)))
 
-    def settings_of(self, values: Mapping[str, Any]) -> Settings:
+        Args:
+            theta: Parameters (n,).
+            per_cell: Unit of their distance biases (Settings).
+        """
+        return self.settings_of(self.as_dict(self.clip(theta)), per_cell)
+
+    def settings_of(self, values: Mapping[str, Any], per_cell: bool = False) -> Settings:
         """Return the values that some parameters {name: value} set, not clipped."""
         settings: Dict[str, Dict[str, Any]] = {}
         for parameter_index, target in self.addresses:
@@ -231,9 +235,9 @@ class Space:
             if values[name] == self.theta0[parameter_index]:
                 value = self.defaults[target.server][target.name]
             settings.setdefault(target.server, {})[target.name] = value
-        return Settings(settings)
+        return Settings(settings, per_cell)
 
-    def read_back(self, settings: Mapping[str, Mapping[str, Any]]) -> Array:
+    def read_back(self, settings: Settings) -> Array:
         """Return the parameters (n,) float64 that are in force in the settings of the servers."""
         server_values = []
         for parameter_name in self.names:

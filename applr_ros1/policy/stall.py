@@ -1,6 +1,6 @@
 """Stalls: when a robot makes no progress, and what it drives with then, whatever its method.
 
-Simulated trials (training/evaluate/runner.py) and the applr node share this rule.
+The Pilot (pilot.py) applies this rule, on the robot and in simulated trials.
 """
 
 from __future__ import annotations
@@ -189,7 +189,10 @@ class StallRule:
         self.clears_costmaps = False
 
     def instead(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
-        """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these."""
+        """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these.
+
+        The Pilot clips them, and orders the smallest and the largest speed.
+        """
         plan_leads_back = _leads_back(context)
         is_stuck = self._is_stuck(context, plan_leads_back)
         if not is_stuck or not method.redraws_stalled:
@@ -212,12 +215,9 @@ class StallRule:
         if not phase.values:
             return None
         self.count += 1
-        space = self._encoding.space
-        parameters = {**space.as_dict(theta), **phase.values}
-        if "min_vel_x" in phase.values:
-            # The method may choose the largest speed.
-            parameters["min_vel_x"] = min(parameters["min_vel_x"], parameters["max_vel_x"])
-        return space.clip([parameters[name] for name in space.names])
+        names = self._encoding.space.names
+        parameters = {**dict(zip(names, theta)), **phase.values}
+        return np.array([parameters[name] for name in names])
 
     def _is_stuck(self, context: Context, leads_back: Optional[bool]) -> bool:
         """Return whether the robot has stalled or is in a dead end, or was and has not come out."""
@@ -247,7 +247,7 @@ class StallRule:
         space = self._encoding.space
         action = self._draws.uniform(-1.0, 1.0, self._encoding.actions)
         distance = self._draws.uniform(*BACKING_M)
-        drawn_parameters = space.as_dict(self._encoding.theta(action))
+        drawn_parameters = dict(zip(space.names, self._encoding.theta(action)))
         drawn_values = {name: drawn_parameters[name] for name in self._encoding.chosen}
         # Only TrajectoryPlannerROS backs out.
         if backs_out and "escape_reset_dist" in space.names:

@@ -15,7 +15,7 @@ from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.parameter import Parameter
-from applr_ros1.planner.parameters.settings import Settings, send
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.planner.plan_cut import half_size
 from applr_ros1.robots import Robot
 from applr_ros1.why.moment import (
@@ -233,7 +233,7 @@ class RerunPlanner:
         # A call of a costmap's server clears it, and a refused value leaves some of the others set.
         self._settings = None
         self._shown = None
-        send(settings, self._move_base)
+        self._move_base.put_in_force(settings)
         self._settings = settings
 
     def _show(self, map_shown: MapSnapshot) -> None:

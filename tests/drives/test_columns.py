@@ -1,4 +1,4 @@
-"""Tests of the table of columns: what is packed is unpacked, from messages of rosbags and of ROS."""
+"""Tests of the table of columns: what is packed is unpacked, by messages of rosbags and of ROS."""
 
 import dataclasses
 import io

@@ -49,7 +49,7 @@ def test_the_base_stops_while_the_planner_is_frozen(stack, client, measured):
     measured("stands after", stack.stands_after(stack.nodes["move_base"].freeze, STANDS), "s")
     began = time.monotonic()
     stopwatch = Kept()
-    assert client.apply(THETA_0)
+    assert client.apply(SPACE.settings(THETA_0))
     measured("request given up after", time.monotonic() - began, "s")
     assert time.monotonic() - began < 1.2 + stopwatch.waiting()
     stack.nodes["move_base"].thaw()

@@ -4,7 +4,6 @@ robots, methods.
 
 import json
 import re
-import shutil
 import time
 from typing import NamedTuple, Optional
 
@@ -13,7 +12,6 @@ import pytest
 import rosgraph
 import rosnode
 import rospy
-import yaml
 from applr_ros1.msg import Movers, Parameters
 from applr_ros1.srv import SetMethod
 from sensor_msgs.msg import PointCloud2
@@ -163,7 +161,7 @@ def another_client_sets(robot, client, max_vel_x):
     # The node's own start must not come later.
     wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
     theta = SPACE.from_dict({"max_vel_x": max_vel_x})
-    wait_for(lambda: not client.apply(theta), "a value set by another client")
+    wait_for(lambda: not client.apply(SPACE.settings(theta)), "a value set by another client")
 
 
 def two_periods(robot):
@@ -333,15 +331,6 @@ def test_fault_11_invalid_scans(robot, stack):
     assert "Traceback" not in node.text
 
 
-def test_dwa_sets_no_parameters_while_driving(robot, stack):
-    client = stack("dwa").client
-    another_client_sets(robot, client, 0.9)
-    robot.goal = "one"
-    wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
-    decides_again(robot)
-    assert client.theta()[0] == 0.9
-
-
 # -- run-time services, speed limit and diagnostics ------------------------------------------------
 def service(name, kind, *arguments):
     """Call a service of the node, and return its answer."""
@@ -349,18 +338,19 @@ def service(name, kind, *arguments):
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
 
 
-def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
-    node, client = stack("random")
+def test_services_and_topics_switch_the_method_while_driving(robot, stack, tmp_path):
+    """What is in force then is tested in tests/policy/test_supervisor.py."""
+    node, client = stack("random", max_speed=1.6)
     reports(robot, "idle: no goal")
     starts_deciding(robot, client)
     reports(robot, "deciding")
     assert robot.values["driving"] == "the parameters of method random"
+
+    # Off, the defaults are set once, and stay without decisions.
     defaults = "the robot's default parameters"
-    # Off, theta_0 is set once, and stays without decisions.
     assert service("enable", SetBool, False).message == f"off: {defaults} drive now"
     is_in_force(client, THETA_0)
     reports(robot, f"switched off: {defaults} drive now")
-    assert robot.values["driving"] == defaults
     decision_count = len(robot.decisions)
     two_periods(robot)
     assert len(robot.decisions) == decision_count
@@ -369,91 +359,33 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     answer = service("enable", SetBool, True)
     assert answer.message == f"on, method random: {defaults} drive now"
     decides_again(robot, client)
-    assert not np.array_equal(client.theta(), THETA_0)
     assert "the goal has ended" not in node.text, "move_base still pursues it"
+
+    # Set by hand, below max_speed; refused values do not stop the method.
+    publisher = rospy.Publisher("/applr/set_parameters", Parameters, queue_size=10)
+    wait_for(publisher.get_num_connections, "the connection")
+    publisher.publish(Parameters(names=["speed"], values=[1.0]))
+    node.until("unknown parameter 'speed'")
+    decides_again(robot)
+    publisher.publish(Parameters(names=["max_vel_x"], values=[9.0]))
+    wait_for(lambda: client.theta()[0] == 1.6, "the capped value")
+    reports(robot, "switched off: the parameters set by hand drive now")
+
+    # Another method
+    fixed_set = tmp_path / "set.json"
+    fixed_set.write_text('{"max_vel_x": 1.5}')
+    assert service("enable", SetBool, True).success
+    answer = service("set_method", SetMethod, str(fixed_set))
+    assert (answer.success, answer.message) == (True, f"method {fixed_set}")
+    wait_for(lambda: client.theta()[0] == 1.5, "the fixed set")
+    assert not service("set_method", SetMethod, "fast").success
+    wait_for(lambda: robot.values["method"] == str(fixed_set), "diagnostics")
+
     robot.goal = None
     node.until("the goal has ended")
     assert node.end() == 0
     is_in_force(client, THETA_0)
     assert "Traceback" not in node.text
-
-
-def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stack):
-    node, client = stack("random", max_speed=1.6)
-    starts_deciding(robot)
-    publisher = rospy.Publisher("/applr/set_parameters", Parameters, queue_size=10)
-    wait_for(publisher.get_num_connections, "the connection")
-
-    def by_hand(**values):
-        publisher.publish(Parameters(names=list(values), values=list(values.values())))
-
-    # Refused values do not stop the method.
-    by_hand(speed=1.0)
-    node.until("unknown parameter 'speed'")
-    by_hand(max_vel_x=np.nan)
-    node.until("max_vel_x is nan, not finite")
-    decides_again(robot)
-
-    by_hand(sim_time=1.25)
-    sim_time_index = SPACE.names.index("sim_time")
-    wait_for(lambda: client.theta()[sim_time_index] == 1.25, "the value by hand")
-    reports(robot, "switched off: the parameters set by hand drive now")
-    two_periods(robot)  # An earlier request may still be under way.
-
-    # max_speed caps the speed, and numbers of samples are whole. The others stay.
-    earlier_theta = client.theta()
-    decision_count = len(robot.decisions)
-    by_hand(max_vel_x=9.0, vx_samples=6.4)
-    wait_for(
-        lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value"
-    )
-    two_periods(robot)
-    other_parameters = np.delete(client.theta(), [0, 2])
-    assert np.array_equal(other_parameters, np.delete(earlier_theta, [0, 2]))
-    assert len(robot.decisions) == decision_count
-
-    assert service("enable", SetBool, True).success
-    decides_again(robot, client)
-
-
-def test_method_and_file_change_while_driving(robot, stack, tmp_path):
-    fixed_set = tmp_path / "set.json"
-    fixed_set.write_text('{"max_vel_x": 1.5}')
-    client = stack("random", max_speed=1.9).client
-    starts_deciding(robot)
-    answer = service("set_method", SetMethod, str(fixed_set))
-    assert (answer.success, answer.message) == (True, f"method {fixed_set}")
-    wait_for(lambda: client.theta()[0] == 1.5, "the fixed set")
-
-    # A method that cannot be had leaves the one that drives.
-    (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
-    user_defined = str(tmp_path / "own.py") + ":Class"
-    for unusable_method, problem in (
-        (str(tmp_path / "none.safetensors"), "none.safetensors"),
-        ("fast", "method 'fast' is unknown"),
-        (user_defined, "start the node with _method:="),
-    ):
-        answer = service("set_method", SetMethod, unusable_method)
-        assert not answer.success
-        assert problem in answer.message
-        assert "\n" not in answer.message
-    # Anybody can call the service, so it must not import code.
-    assert not (tmp_path / "it_ran").exists()
-    two_periods(robot)
-    assert client.theta()[0] == 1.5
-    assert service("set_method", SetMethod, "random").success
-    decides_again(robot, client)
-    wait_for(lambda: robot.values["method"] == "random", "diagnostics")
-
-
-def test_max_speed_caps_the_parameter_set(robot, stack, tmp_path):
-    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
-    node, client = stack(str(tmp_path / "set.json"), max_speed=0.3)
-    wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], "the capped set")
-    assert node.end() == 0
-    wait_for(
-        lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0 with a capped speed"
-    )
 
 
 @pytest.mark.fault("14c")
@@ -487,17 +419,6 @@ def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
     robot.statuses = True
     reports(robot, "idle: no goal")
     assert robot.values["level"] == 0
-
-
-def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, stack):
-    """This package's move_base expects a heartbeat every 2 s, even if there is a decision only
-    every 6 s.
-    """
-    # The module's robot still has the heartbeats of earlier nodes.
-    earlier_beats = len(robot.beats)
-    stack("random", period=6.0)
-    wait_for(lambda: len(robot.beats) >= earlier_beats + 3, "a third heartbeat")
-    assert 1.5 < min(np.diff(robot.beats[earlier_beats : earlier_beats + 3])) < 2.3
 
 
 def test_a_late_move_base_leaves_no_warning(robot, stack):
@@ -587,34 +508,6 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
     client.close()
 
 
-def test_each_costmap_gets_its_own_default_back_when_the_method_is_switched_off(
-    robot, stack, tmp_path
-):
-    """The files of this robot inflate the global costmap less than the local one."""
-    folder = tmp_path / "jackal"
-    shutil.copytree(load("jackal").folder, folder)
-    robot_file = folder / "robot.yaml"
-    described = yaml.safe_load(robot_file.read_text())
-    own_radius = {"global_costmap": {"inflater_layer": {"inflation_radius": 0.1}}}
-    described["move_base"]["parameters"] = own_radius
-    robot_file.write_text(yaml.safe_dump(described))
-
-    def radii():
-        layers = ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
-        return [client.servers[layer].values["inflation_radius"] for layer in layers]
-
-    node, client = stack("random", robot=str(folder))
-    wait_for(lambda: radii() == [0.3, 0.1], "the defaults at the start")
-    robot.goal = "one"
-    wait_for(lambda: radii()[0] == radii()[1], "one radius for both in a decision")
-    assert service("enable", SetBool, False).success
-    wait_for(lambda: radii() == [0.3, 0.1], "the defaults, switched off")
-    assert service("enable", SetBool, True).success
-    wait_for(lambda: radii()[0] == radii()[1], "a decision again")
-    assert node.end() == 0
-    wait_for(lambda: radii() == [0.3, 0.1], "the defaults at the end")
-
-
 def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robot, stack):
     node, client = stack("static")
     tuned_set = SPACE.clip(methods.make("static").theta(None))
@@ -635,7 +528,7 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
     rospy.delete_param("/fake/hang")
 
 
-def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_come_out(
+def test_a_stalled_robot_leaves_its_constant_set_and_its_costmaps_are_cleared(
     robot, stack, monkeypatch
 ):
     hurried_stalls = {**HURRIED, "applr_ros1.policy.stall.STALL_TIME_S": 0.5}
@@ -652,12 +545,6 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     # Its odometry says that it drives at 0.5 m/s: the stall is over.
     monkeypatch.setattr(robot.robot, "twist", (0.5, 0.0))
     is_in_force(client, tuned_set)
-    stall_count = robot.count("stalls")
-    # Afterwards a value set by hand stays as during any course.
-    wait_for(lambda: not client.apply(SPACE.theta0), "the value by hand")
-    decides_again(robot)
-    assert np.array_equal(client.theta(), SPACE.theta0)
-    assert robot.count("stalls") == stall_count
 
     # The next stall finds the service.
     clear_requests = []
@@ -668,12 +555,8 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
 
     clearing_service = rospy.Service("/move_base/clear_costmaps", Empty, clear_costmaps)
     monkeypatch.undo()
-    wait_for(lambda: robot.count("stalls") > stall_count, "another stall")
     wait_for(lambda: clear_requests, "cleared costmaps")
     clearing_service.shutdown()
-    robot.goal = None
-    is_in_force(client, tuned_set)
-    assert node.text.count("goal has ended") == 1
 
 
 PRINTER = """\
@@ -711,31 +594,3 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
     for movers in ((), (1.0, 2.0, 0.5, -0.5, 3.0, 0.0, 0.0, 1.0), ()):
         wait_for(lambda movers=movers: observed_with(*movers), "the moving obstacles")
     assert node.text.count("decision refused") == 0
-
-
-# Careless says that it is a constant set, so theta is called without a context.
-FAULTY = """\
-from applr_ros1.policy.methods import Method
-
-class Careless(Method):
-    static = True
-    def theta(self, context):
-        return context.theta
-
-class Restless(Method):
-    def reset(self, seed):
-        raise RuntimeError("no map")
-    def theta(self, context):
-        return context.theta
-"""
-
-
-def test_user_defined_methods_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
-    (tmp_path / "faulty.py").write_text(FAULTY)
-    node, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
-    wait_for(lambda: "AttributeError" in robot.values["message"], "diagnostics")
-    is_in_force(client, THETA_0)
-    assert node.end() == 0
-    node = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None).node
-    starts_deciding(robot)
-    node.until("RuntimeError: no map")

@@ -12,12 +12,8 @@ import rosservice
 from dynamic_reconfigure import DynamicReconfigureCallbackException
 from dynamic_reconfigure.client import Client
 
-from applr_ros1.nodes.move_base import heartbeat_watchdog
-from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.policy.parameter_space import SPACE
 from tests.support import DATA
 from tests.support.nodes import PLANNER, node_api
-from tests.support.robots import JACKAL_PARAMETERS
 from tests.support.ros import LONGEST, wait_for
 
 pytestmark = pytest.mark.ros
@@ -126,27 +122,3 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(
     finally:
         client.update_configuration({name: values_before[name]})
         client.close()
-
-
-def test_a_lost_heartbeat_is_reported_once():
-    """Test of the watchdog class alone. tests/faults/test_processes.py tests the watchdog in a
-    running stack.
-    """
-    watchdog = heartbeat_watchdog.HeartbeatWatchdog(2.0)
-    assert not watchdog.is_lost(100.0)  # There was no heartbeat yet.
-    # Lost after 2.5 periods
-    watchdog.heartbeat(100.0)
-    assert not watchdog.is_lost(105.0)
-    assert watchdog.is_lost(105.05)
-    assert not watchdog.is_lost(200.0)
-    # The clock jumped back, as at the start of a simulation: the wait begins anew.
-    watchdog.heartbeat(300.0)
-    assert not watchdog.is_lost(10.0)
-    assert watchdog.is_lost(15.1)
-
-    # What is set then: theta_0, below the robot's speed limit.
-    move_base = MoveBase(JACKAL_PARAMETERS)
-    capped_requests = heartbeat_watchdog.start_up_requests(move_base, SPACE, max_speed=0.3)
-    assert capped_requests["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
-    requests = heartbeat_watchdog.start_up_requests(move_base, SPACE)
-    assert requests == SPACE.settings(SPACE.theta0)

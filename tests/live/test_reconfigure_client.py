@@ -52,11 +52,11 @@ def client(connected, monkeypatch):
     return connected
 
 
-def applied(client, theta):
+def applied(client, theta, per_cell=False):
     """Return whether the parameter set theta comes into force, with a limit long enough for a busy
     machine.
     """
-    return not client.apply(theta, LONGEST)
+    return not client.apply(client.space.settings(theta, per_cell), LONGEST)
 
 
 def set_by_another_client(server, **values):
@@ -80,7 +80,7 @@ def started(on_report=lambda error: None):
 
 def test_an_idle_client_waits_without_using_the_processor(fake):
     with started() as client:
-        client.request(THETA_0)
+        client.request(SPACE.settings(THETA_0))
         wait_for(lambda: not client.busy, "parameters in force")
         began = time.process_time()
         # A thread that polls would use a good part of this second.
@@ -89,7 +89,7 @@ def test_an_idle_client_waits_without_using_the_processor(fake):
 
 
 def test_values_are_read_back(client):
-    assert client.apply(SPACE.high, LONGEST) == ""
+    assert client.apply(SPACE.settings(SPACE.high), LONGEST) == ""
     assert np.array_equal(client.theta(), SPACE.high)
     assert {server.name for server in client.servers.values()} == {PLANNER, *LAYERS, *COSTMAPS}
     wait_for(
@@ -168,15 +168,13 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
 ):
     weight_index = SPACE.names.index("pdist_scale")
     # A planner with weights per metre, on cells of 0.05 m: they get 0.05 / 0.02 of those per cell.
-    monkeypatch.setattr(client, "per_cell", True)
     monkeypatch.setattr(client, "factor", 0.05)
-    assert applied(client, THETA_0)
+    assert applied(client, THETA_0, per_cell=True)
     assert client.values()[weight_index] == 2.5 * THETA_0[weight_index]
     assert np.array_equal(client.theta(), THETA_0)
     set_by_another_client(PLANNER, path_distance_bias=2.0)
     wait_for(lambda: client.values()[weight_index] == 2.0, "the value set by another client")
     assert client.theta()[weight_index] == 0.8
-    monkeypatch.setattr(client, "per_cell", False)
     assert applied(client, THETA_0)
     assert np.array_equal(client.values(), THETA_0), "a set per metre is sent unchanged"
 
@@ -186,7 +184,7 @@ def test_a_restarted_server_gets_the_last_request(client):
     with started(reports.append) as requester:
         requester.reapply()
         assert not requester.busy, "nothing was requested yet"
-        requester.request(SPACE.high)
+        requester.request(SPACE.settings(SPACE.high))
         wait_for(lambda: not requester.busy, "the request")
         earlier_reports = len(reports)
         requester.reapply()
@@ -216,7 +214,7 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
     assert np.array_equal(client.theta(), SPACE.high)
     with started() as client:  # The second request comes while the first is under way.
         for theta in (SPACE.low, THETA_0):
-            client.request(theta)
+            client.request(SPACE.settings(theta))
             time.sleep(0.05)
         wait_for(lambda: not client.busy, "both sets")
         assert np.array_equal(client.theta(), THETA_0)
@@ -228,7 +226,7 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
     for _ in range(3):
         began = time.monotonic()
         stopwatch = Kept()
-        assert "does not answer" in client.apply(SPACE.low)
+        assert "does not answer" in client.apply(SPACE.settings(SPACE.low))
         # The servers are called at the same time, so that one time limit holds for all.
         assert time.monotonic() - began < 1.2 + stopwatch.waiting()
     fake.thaw()
@@ -264,9 +262,9 @@ def test_fault_3_an_abandoned_call_never_overwrites_a_newer_one(client, fake):
     reports = []
     with started(reports.append) as client:
         fake.freeze()
-        client.request(SPACE.low)
+        client.request(SPACE.settings(SPACE.low))
         wait_for(lambda: reports and "does not answer" in reports[-1], "a call that is given up")
-        client.request(SPACE.high)
+        client.request(SPACE.settings(SPACE.high))
         time.sleep(0.3)
         fake.thaw()
         wait_for(lambda: not client.busy, "the newer set")
@@ -282,7 +280,7 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     client, server, fault
 ):
     rospy.set_param("/fake/" + fault, [server])
-    error_message = client.apply(SPACE.high, LONGEST)
+    error_message = client.apply(SPACE.settings(SPACE.high), LONGEST)
     assert server in error_message
     assert "\n" not in error_message
     # The others took the set; this one has what it had.
@@ -305,7 +303,7 @@ def test_no_text_of_a_server_is_executed(tmp_path):
     client = ReconfigureClient("/evil")
     wait_for(lambda: not client.connect(), "the servers")
     with suppress(TypeError):  # The bounds are texts.
-        client.apply(SPACE.high)
+        client.apply(SPACE.settings(SPACE.high))
     malicious.kill()
     assert not written_file.exists()
 
@@ -314,9 +312,9 @@ def test_dead_servers_are_named_and_the_request_is_kept(client, fake):
     reports = []
     with started(reports.append) as requester:
         fake.kill()
-        requester.request(SPACE.high)
+        requester.request(SPACE.settings(SPACE.high))
         wait_for(lambda: len(reports) >= 5, "attempts")
         assert requester.busy
-    error_message = client.apply(SPACE.high)
+    error_message = client.apply(SPACE.settings(SPACE.high))
     assert all(server in error_message for server in (PLANNER, *LAYERS))
     assert "\n" not in error_message

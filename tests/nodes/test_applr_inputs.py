@@ -121,7 +121,7 @@ class Beside:
         odometry.twist.twist.linear.x = 0.5
         if odometer:
             self.callbacks["odometry/filtered"](odometry)
-        return self.inputs.snapshot(self.time, self.time - rospy.Duration(3))
+        return self.inputs.snapshot(self.time, self.time.to_sec() - 3.0)
 
 
 @pytest.fixture

@@ -13,10 +13,8 @@ import rospy
 from applr_ros1.monitor.monitor import Verdict
 from applr_ros1.nodes.monitor.node import CollisionMonitorNode
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
-from applr_ros1.nodes.move_base.heartbeat_watchdog import start_up_requests
 from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.planner.state_machine import Cycle
-from applr_ros1.robots.robot import Target
 from tests.support.nodes import values_of
 
 NOW = rospy.Time(100)
@@ -227,25 +225,3 @@ def test_cycles_wait_for_the_lock_and_go_on_after_one_that_failed(monkeypatch):
     node_has_ended.set()
     loop_thread.join(5.0)
     assert not loop_thread.is_alive()
-
-
-def test_start_up_requests_limit_speeds_in_the_sign_of_their_parameter():
-    # Given: a speed that also sets another value with the opposite sign
-    target = Target(server="TrajectoryPlannerROS", name="max_vel_x")
-    backwards = Target(server="TrajectoryPlannerROS", name="min_vel_x", negated=True)
-    space = SimpleNamespace(
-        addresses=((0, target), (0, backwards)),
-        sets_speed=[True],
-        theta0=None,
-        settings=lambda theta: {target.server: {"max_vel_x": 0.5, "min_vel_x": -0.5}},
-    )
-    start_values = {"max_vel_x": 0.5, "min_vel_x": -0.5, "sim_time": 1.0}
-    move_base = SimpleNamespace(
-        servers=[target.server], start_up_configuration=lambda server: start_values
-    )
-
-    # Then
-    requests = start_up_requests(move_base, space, max_speed=0.3)
-    assert requests == {target.server: {"max_vel_x": 0.3, "min_vel_x": -0.3}}
-    requests = start_up_requests(move_base, space)
-    assert requests == {target.server: {"max_vel_x": 0.5, "min_vel_x": -0.5}}

@@ -18,6 +18,7 @@ from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS, FAR_POINT, DimensionlessEncoding
 from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from applr_ros1.policy.supervisor import Ruling
 from training.bags.read import read
 
 
@@ -70,7 +71,8 @@ def decide(topics, number, theta, refused="", cleared=False):
     stamp = rospy.Time(100 + number, 5)
     inputs = snapshot(number)
     context = Context.of(THETA_0, inputs.seen, SPACE, LAYOUT)
-    topics.decision(number, stamp, "goal 7", inputs, context, theta, refused, cleared)
+    ruling = Ruling(number, theta, refused, cleared, request=None)
+    topics.decision(ruling, stamp, "goal 7", inputs, context)
 
 
 def written(path, messages):

@@ -11,7 +11,6 @@ from applr_ros1 import robots
 from applr_ros1.nodes.applr.distance_weights import multipliers_of
 from applr_ros1.nodes.applr.meter_scoring import factor_of
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.robots import ToyRobot, quick, ring, run
@@ -42,7 +41,7 @@ def cloud(weights, seed):
     posts = int(rng.integers(0, 7))
     robot = ToyRobot(circles=ring(0.0, 0.0, radius, posts=posts))
     theta = SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE)))
-    send(SPACE.settings(theta), move_base)
+    move_base.put_in_force(SPACE.settings(theta))
     goal_x, goal_y = rng.uniform(-4.0, 4.0, 2)
     move_base.set_goal((goal_x, goal_y, 0.0), 0.0)
     run(move_base, robot, 0.15)
@@ -86,7 +85,7 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
 
         def apply(self, theta):
             sent = theta * multipliers_of(SPACE, CELL_M, LARGEST)
-            send(unbounded.settings(sent), self.move_base)
+            self.move_base.put_in_force(unbounded.settings(sent))
             return theta
 
     rng = np.random.default_rng(2)

@@ -10,7 +10,6 @@ import pytest
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.refusals import refused
 from tests.support.robots import SLALOM, ToyRobot, quick, run, start
@@ -146,7 +145,7 @@ def test_send_calls_no_server_whose_values_are_in_force():
     # 0.1 m is in force. A call with 0.14 m clears the costmaps, a second one is not made.
     for padding, kept in ((0.1, True), (0.14, False), (0.14, True)):
         theta[SPACE.names.index("footprint_padding")] = padding
-        in_force = send(SPACE.settings(theta), move_base)
+        in_force = move_base.put_in_force(SPACE.settings(theta))
         assert move_base.local_costmap.cells.any() == kept
         assert move_base.global_costmap.cells.any() == kept
         assert SPACE.read_back(in_force).tolist() == theta.tolist()

@@ -90,7 +90,8 @@ def outputs(robot: Robot, scenes: Arrays) -> Arrays:
     the next.
     """
     encoding = DimensionlessEncoding(robot, PERIOD)
-    thetas = np.array([encoding.theta(action) for action in scenes["actions"]])
+    # In force are the parameters as the Pilot clips them.
+    thetas = np.array([encoding.space.clip(encoding.theta(action)) for action in scenes["actions"]])
     current_thetas = np.vstack([encoding.space.theta0, thetas[:-1]])
     actions = [encoding.action(theta) for theta in thetas]
 

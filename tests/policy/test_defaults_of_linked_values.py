@@ -1,6 +1,5 @@
 """Tests of parameters that set several values, to which the robot's files give different ones."""
 
-from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -8,12 +7,15 @@ import pytest
 
 import sim_bridge
 import worlds
+from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import Settings, send
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import load
 from applr_ros1.robots.learned import default_space
+from applr_ros1.robots.robot import MoveBaseSetup
+from tests.support.servers import running_servers
 from training.env.episode import Episode
 
 PLANNER = "DWAPlannerROS"
@@ -62,9 +64,9 @@ def test_theta_0_gives_each_value_back_to_the_robots_files(space):
 
     # A policy's set applies one number to all values of a parameter.
     chosen = space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})
-    assert_together(send(space.settings(chosen), move_base), 0.18, 0.5)
+    assert_together(move_base.put_in_force(space.settings(chosen)), 0.18, 0.5)
 
-    send(space.settings(space.theta0), move_base)
+    move_base.put_in_force(space.settings(space.theta0))
     assert in_force(move_base) == start_up
     assert space.read_back(start_up).tolist() == space.theta0.tolist()
 
@@ -110,59 +112,52 @@ def test_the_default_method_and_a_course_in_simulation_begin_with_the_owners_val
     simulator.close()
 
 
-class RunningServer:
-    """A dynamic_reconfigure server as the reconfigure client sees it; it takes every request."""
-
-    def __init__(self, values):
-        self.name = "server"
-        self.values = dict(values)
-        self.call = Future()
-        self.call.set_result("")
-
-    def request(self, values):
-        return dict(values)
-
-    def has(self, request):
-        return all(self.values[name] == value for name, value in request.items())
-
-    def set(self, request):
-        self.values.update(request)
-
-    def value_of(self, target):
-        return self.values[target.name]
-
-    def bounds_of(self, target):
-        return -1e6, 1e6
-
-
 def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limit(space):
     pytest.importorskip("rospy")
     from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 
     def started_client(space):
         client = ReconfigureClient(space=space)
-        for server, values in Settings.from_tree(BURGER.all_parameters()).items():
-            if server in space.servers:
-                client.servers[server] = RunningServer(values)
+        client.servers = running_servers(space, Settings.from_tree(BURGER.all_parameters()))
         return client
+
+    def applied(client, theta):
+        return not client.apply(client.space.settings(theta))
 
     def values_of(client):
         return {name: server.values for name, server in client.servers.items()}
 
     client = started_client(space)
-    assert client.apply(space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})) == ""
+    assert applied(client, space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5}))
     assert_together(values_of(client), 0.18, 0.5)
-    assert client.apply(space.theta0) == ""
+    assert applied(client, space.theta0)
     assert_owners(values_of(client))
     assert client.theta().tolist() == space.theta0.tolist()
 
     client = started_client(space.below(0.18))
-    assert client.apply(space.theta0) == ""
+    assert applied(client, space.theta0)
     assert values_of(client)[PLANNER]["max_vel_x"] == 0.18
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
     # What is in force, applied again, changes nothing.
-    assert client.apply(client.theta()) == ""
+    assert applied(client, client.theta())
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
+
+
+def test_theta_0_is_that_of_the_files_in_use():
+    described = load("turtlebot3_burger")
+    without_map, with_map = described.move_base
+    slower = {PLANNER: {"max_vel_x": 0.15, "max_vel_trans": 0.15}}
+    slower_on_map = replace(
+        described, move_base=MoveBaseSetup(without_map, merged(with_map, slower))
+    )
+    for robot, speed in ((slower_on_map, 0.22), (slower_on_map.on_map(), 0.15), (described, 0.22)):
+        space = space_of(robot)
+        assert space.theta0[space.names.index("max_vel_x")] == speed
+        assert space.settings(space.theta0)[PLANNER]["max_vel_x"] == speed
+    # Other parameters under the same name are another robot.
+    slower_everywhere = described.with_parameters(slower, described.name)
+    assert slower_everywhere != described
+    assert space_of(slower_everywhere).defaults[PLANNER]["max_vel_x"] == 0.15
 
 
 def test_two_paddings_are_one_parameter_that_keeps_both():

@@ -9,7 +9,6 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -120,7 +119,7 @@ def test_space_and_layout_follow_the_description(crate):
 
     # Highest values of all parameters reach their servers.
     planner = MoveBase(robot.parameters())
-    in_force = send(space.settings(space.high), planner)
+    in_force = planner.put_in_force(space.settings(space.high))
     assert space.read_back(in_force).tolist() == space.high.tolist()
     assert in_force["DWAPlannerROS"]["max_vel_trans"] == 0.8
     assert in_force[""]["planner_patience"] == 20.0

@@ -15,7 +15,6 @@ import numpy as np
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
@@ -108,7 +107,7 @@ def stretches(
     goal_pose = demonstration.goal_pose
     planner = MoveBase(counting_cells(robot.parameters()))
     space = space_of(robot)
-    send(space.settings(space.theta0), planner)
+    planner.put_in_force(space.settings(space.theta0))
     step(planner, demonstration, robot, i=0)
     planner.set_goal(goal_pose, clock(0))
 
@@ -134,7 +133,7 @@ def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     """
     demonstration = stretch.demonstration
     planner = copy.deepcopy(stretch.planner)
-    send(space_of(stretch.robot).settings(theta), planner)
+    planner.put_in_force(space_of(stretch.robot).settings(theta))
     replayed_instants = range(stretch.first, stretch.last)
     planned_commands = [step(planner, demonstration, stretch.robot, i) for i in replayed_instants]
     errors = np.array(planned_commands) - demonstration.commands.twist[replayed_instants]

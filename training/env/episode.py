@@ -31,7 +31,6 @@ from applr_ros1.drives.ending import ended_early
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import layout_of
@@ -307,7 +306,7 @@ class Episode:
 
         They go through the same reconfigure servers as over ROS.
         """
-        in_force = send(self.space.settings(theta), self.move_base)
+        in_force = self.move_base.put_in_force(self.space.settings(theta))
         if self._record:
             for server, values in in_force.items():
                 self._recorder.changed(self.seconds, server, values)

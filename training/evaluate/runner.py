@@ -24,7 +24,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
 from applr_ros1.policy.decision import PERIOD, Method
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import StallRule
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
 from training.env.episode import Episode
@@ -140,7 +140,6 @@ class TrialRunner:
         self.space = space_of(self.robot)
         self.encoding = settings.encoding()
         self.loadable = loadable_space(self.robot)
-        self.stall_rule = StallRule(self.robot)
         self.simulator = sim_bridge.make(
             settings.simulator, robot=self.robot, **settings.randomisation
         )
@@ -159,33 +158,27 @@ class TrialRunner:
         """
         world = self._world(task.world_spec)
         method = self._method(task, weights)
-        if self.settings.period is not None:
-            method.period = self.settings.period
-        method.reset(task.seed)
-        self.stall_rule.reset(task.seed)
+        pilot = Pilot(method, self.robot, self.settings.period)
+        pilot.begin(task.seed)
         loaded = None
         if self.settings.loaded and method.static:
             # Parameters that act differently when loaded keep their defaults.
-            loaded = self.loadable.fill(self.loadable.chosen_of(method.theta(None)))
+            parameter_set = pilot.between_courses().theta
+            loaded = self.loadable.fill(self.loadable.chosen_of(parameter_set))
             episode = self.starting_with(loaded, method.obstacle_range)
             # A parameter file drives without the applr node, and so without its rule for stalls.
-            method = self._fixed(loaded, redraws_stalled=False)
+            pilot.method = self._fixed(loaded, redraws_stalled=False)
         else:
             episode = self._seeing(method.obstacle_range)
-        episode.set_period(method.period)
-        episode.layout = method.layout
+        episode.set_period(pilot.period)
 
         outcome = episode.reset(world, task.seed, theta=loaded)
         changes: List[float] = []
         total_reward = 0.0
         while not outcome.over:
-            context = episode.context()
             action_before = self.space.to_action(outcome.theta)
-            theta = method.theta(context)
-            redrawn = self.stall_rule.instead(method, context, theta)
-            if redrawn is not None:
-                theta = redrawn
-            outcome = episode.decide(theta, self.stall_rule.clears_costmaps)
+            choice = pilot.decide(pilot.observe(outcome.theta, episode.seen()))
+            outcome = episode.decide(choice.theta, choice.clears_costmaps)
             change = self.space.to_action(outcome.theta) - action_before
             changes.append(float(np.abs(change).mean()))
             reward, _ = self.settings.reward(outcome, episode.limit, episode.period, self.encoding)

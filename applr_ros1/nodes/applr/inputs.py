@@ -100,8 +100,8 @@ class RobotInputs:
                 return False
             return bool((now - self._status_time).to_sec() > STATUS_AGE_S)
 
-    def snapshot(self, now: rospy.Time, began: Any) -> Snapshot:
-        """Return a Snapshot at ROS time `now` of a course that began at ROS time `began`.
+    def snapshot(self, now: rospy.Time, began: float) -> Snapshot:
+        """Return a Snapshot at ROS time `now` of a course that began at ROS time `began` [s].
 
         Raises:
             ObservationError: An input is missing or invalid; one line says which.
@@ -126,7 +126,7 @@ class RobotInputs:
         moving_obstacles, movers_stamp = self._moving(movers_message, frame, now)
         seen = Seen(
             beams,
-            (now - began).to_sec(),
+            now.to_sec() - began,
             self._pose(frame, stamps["scan"], now),
             self._sensors.twist,
             conversions.pose_of(goal_pose),

@@ -64,7 +64,7 @@ def enable(node: ApplrNode, request: Any) -> SetBoolResponse:
     """Handle the service ~enable."""
     node.switch(request.data)
     state = f"on, method {node.method.name}" if request.data else "off"
-    return SetBoolResponse(True, f"{state}: {node.in_force} drive now")
+    return SetBoolResponse(True, f"{state}: {node.supervisor.in_force} drive now")
 
 
 def set_parameters(node: ApplrNode, message: Parameters) -> None:
@@ -149,9 +149,9 @@ def main() -> int:
     # A robot whose policy cannot be read still drives to its goals.
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving with the default parameters")
-        node.degraded = trouble
+        node.supervisor.degraded = trouble
     ready_message = "applr: ready, method %s, a decision every %g s, seed %d"
-    rospy.loginfo(ready_message, method.name, node.period, node.seed)
+    rospy.loginfo(ready_message, method.name, node.supervisor.pilot.period, int(seed))
     # Objects that are loaded by now are permanent: the garbage collector can skip them.
     gc.collect()
     gc.freeze()

@@ -1,8 +1,8 @@
 """The applr node: observation → method → parameters, every period (Algorithm 1 of the paper).
 
 Started by main.py, beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. The node
-decides while a goal is active. Between goals the planner has its default parameters theta_0, so
-that every course starts with theta_0. docs/reference/topics.md lists the node's topics.
+brings goals and inputs to a Supervisor (policy/supervisor.py), and requests what that decides.
+docs/reference/topics.md lists the node's topics.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import math
 import threading
 from collections import Counter
 from contextlib import suppress
-from typing import Any, Dict, Optional, Tuple
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 import rospy
 
-from applr_ros1.common.errors import ApplrError, one_line, reason, shown
+from applr_ros1.common.errors import reason
 from applr_ros1.nodes.applr.costmaps import Costmaps
 from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
@@ -24,26 +24,21 @@ from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClie
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.sensors import Clock
 from applr_ros1.planner.parameters.obstacle_range import mismatch
-from applr_ros1.policy.decision import PERIOD, Context, Method
+from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.layout import ObservationError
-from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import StallRule
+from applr_ros1.policy.pilot import Choice, Pilot
+from applr_ros1.policy.supervisor import DEFAULT_PARAMETERS, Supervisor
 from applr_ros1.robots import JACKAL, Robot
 
 TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
 REPORT_S = 1.0  # interval between diagnostics, in ROS time [s]
-LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
 GONE = "move_base has stopped publishing its status: check that it is running"
 # Counters in /diagnostics
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")
-# Number of periods without a usable decision after which the policy counts as lost
-LOST_PERIODS = 3
-DEFAULTS = "the robot's default parameters"
-BY_HAND = "the parameters set by hand"
 
 
 class ApplrNode:
-    """The node: connects inputs, method and client.
+    """The node: connects inputs, supervisor and client.
 
     Args:
         method: Method that chooses the parameters (policy/methods.py).
@@ -72,58 +67,26 @@ class ApplrNode:
         robot: Robot = JACKAL,
     ):
         self.robot = robot
-        self.space = space_of(robot)
-        self.method = method
+        pilot = Pilot(method, robot, period, max_speed)
+        self.supervisor = Supervisor(pilot, seed, self._note_trouble)
         self.inputs = inputs
         self.topics = topics
-        self.seed = seed
-        self._node_period = period
-        self._max_speed = max_speed
-        self.enabled = True
-        # Parameters (n,) set by hand while the method is off
-        self._by_hand: Optional[np.ndarray] = None
+        # Numbers of requests that were applied or failed, and of servers that came back
         self.counts: Dict[str, int] = Counter()
         self.trouble = ""  # latest problem in one line, or ""
-        self.degraded = ""  # reason why the requested method is not in use, or ""
-        self._goal: Any = None  # id of the present goal
-        self._due: Any = None  # ROS time of the next decision
-        self._began: Any = None  # ROS time of the start of the course
-        self._last: Any = None  # ROS time of the last decision
-        self._failures = 0  # number of successive periods without a decision
-        self._stall_rule = StallRule(robot)
         self._costmaps = Costmaps(namespace)
-        self._has_cleared = False  # whether the last decision cleared the costmaps
-        self._is_redrawn = False  # whether the last decision was that of the stall rule
-        self._base_set = False  # whether the parameters for the time between goals have been sent
         # Lasers with another range than the method's, in one line; None if it is to be checked
         self._range_line: Optional[str] = None
-        self._deciding = threading.Lock()  # guards method, enabled and the state of the course
-        space = self.space.below(max_speed)
+        self._deciding = threading.Lock()  # guards the supervisor
         self.client = ReconfigureClient(
-            namespace, space, self._on_restart, self._on_report, self._note_trouble
+            namespace, pilot.space, self._on_restart, self._on_report, self._note_trouble
         )
-        self.client.per_cell = method.per_cell
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
-    def period(self) -> float:
-        """ROS time between decisions [s]: the period set for the node if any, else the method's."""
-        if self._node_period is not None:
-            return self._node_period
-        return self.method.period
-
-    def _begin_course(self, now: rospy.Time) -> None:
-        """Reset the method for a new goal. Its first decision is due at once."""
-        self.method.period = self.period  # The observation may depend on the period.
-        seed = self.seed + self.counts["courses"]
-        self._stall_rule.reset(seed)
-        try:
-            self.method.reset(seed)
-        except Exception as problem:  # A method may be user code, as in _choose.
-            self._note_trouble(one_line(problem))
-        self.counts["courses"] += 1
-        self._due = self._began = now
-        self._failures = 0
+    def method(self) -> Method:
+        """Method in use."""
+        return self.supervisor.pilot.method
 
     def spin(self) -> None:
         """Run until shutdown. If the clock jumps back, start anew."""
@@ -137,10 +100,9 @@ class ApplrNode:
                     self._clock_jumped()
                     beat_due = report_due = rospy.Time(0)
                 now = clock.now
-                # move_base expects a beat every 2 s, however long the period is.
                 if now >= beat_due:
                     self.topics.heartbeat(now)
-                    beat_due = now + rospy.Duration(min(self.period, PERIOD))
+                    beat_due = now + rospy.Duration(self.supervisor.heartbeat_period)
                 if now >= report_due:
                     self._report(now)
                     report_due = now + rospy.Duration(REPORT_S)
@@ -157,10 +119,9 @@ class ApplrNode:
 
         The last tick before a decision is shorter, so that the decision is on time.
         """
-        if self._due is not None:
-            seconds_left: float = (self._due - now).to_sec()
-            if 0.001 < seconds_left < TICK_S:
-                return seconds_left
+        seconds_left: float = self.supervisor.due - now.to_sec()
+        if 0.001 < seconds_left < TICK_S:
+            return seconds_left
         return TICK_S
 
     def _clock_jumped(self) -> None:
@@ -168,8 +129,7 @@ class ApplrNode:
         rospy.logwarn("applr: the clock jumped back; starting anew with theta_0")
         self.inputs.clear()
         with self._deciding:
-            self._goal = self._due = self._last = None
-            self._base()
+            self._request(self.supervisor.forget_course())
 
     def switch(self, enabled: bool) -> None:
         """Switch the method on or off.
@@ -177,120 +137,68 @@ class ApplrNode:
         When it is off, the planner has theta_0 and no decisions are made.
         """
         with self._deciding:
-            if enabled != self.enabled:
-                rospy.loginfo("applr: switched %s", "on" if enabled else f"off: back to {DEFAULTS}")
-            self.enabled = bool(enabled)
-            self._base_set = False
-            self._by_hand = None
-
-    @property
-    def in_force(self) -> str:
-        """Whose parameters the planner drives with now, or will as soon as its servers answer."""
-        if self._by_hand is not None:
-            return BY_HAND
-        decides = self._last is not None and self._failures < LOST_PERIODS
-        if self.enabled and (self.method.static or decides):
-            return f"the parameters of method {self.method.name}"
-        return DEFAULTS
+            if enabled != self.supervisor.enabled:
+                state = "on" if enabled else f"off: back to {DEFAULT_PARAMETERS}"
+                rospy.loginfo("applr: switched %s", state)
+            self.supervisor.switch(bool(enabled))
 
     def set_by_hand(self, values: Dict[str, float]) -> None:
-        """Switch the method off and set {name: value}, clipped to the ranges.
-
-        Other parameters stay as they are.
-
-        Raises ApplrError without changing anything if a name is unknown, if a value is not finite,
-        or if the planner's present parameters are not known yet.
-        """
+        """Switch the method off and set {name: value}, as Supervisor.set_by_hand."""
         with self._deciding:
-            # Two changes may follow each other faster than the servers answer.
-            theta = self._by_hand
-            if theta is None:
-                theta = self.client.theta()
-            if theta is None:
-                raise ApplrError("the planner's parameters are not known yet")
-            unknown = sorted(set(values) - set(self.space.names))
-            if unknown:
-                advice = f"use {', '.join(self.space.names)}"
-                raise ApplrError(f"unknown parameter {shown(unknown[0])}: {advice}")
-            changed = {**self.space.as_dict(theta), **values}
-            self._by_hand = self.client.request(np.array(list(changed.values())))
-            if self.enabled:
+            was_enabled = self.supervisor.enabled
+            self._request(self.supervisor.set_by_hand(values, self.client.theta()))
+            if was_enabled:
                 rospy.loginfo("applr: switched off: parameters are set by hand")
-            self.enabled = False
 
     def change_method(self, method: Method) -> None:
         """Replace the method. In the middle of a course, the new method decides at once."""
         with self._deciding:
-            self.method = method
-            self.degraded = ""
+            self.supervisor.change_method(method, rospy.Time.now().to_sec())
             self._range_line = None
-            self.client.per_cell = method.per_cell
-            if self._goal is None or method.static:
-                self._base_set = False
-            else:
-                self._begin_course(rospy.Time.now())
+
+    def _request(self, choice: Optional[Choice]) -> None:
+        """Request the parameters of a choice; None changes nothing."""
+        if choice is None:
+            return
+        settings = self.supervisor.pilot.space.settings(choice.theta, choice.per_cell)
+        self.client.request(settings)
 
     def _tick(self, now: rospy.Time) -> None:
         """Begin and end courses, and decide when a decision is due."""
-        if not self._base_set and self.client.connected:
-            self._base_set = True
-            self._base()
+        supervisor = self.supervisor
+        if not supervisor.has_rested and self.client.connected:
+            self._request(supervisor.rest())
         if self._range_line is None and self.client.connected:
             self._range_line = range_mismatch(self.method, self.client.namespace)
             if self._range_line:
                 rospy.logwarn("applr: %s", self._range_line)
-        goal = self.inputs.goal(now) if self.enabled else None
-        if goal != self._goal:
-            if goal is None:
-                self._note_end(now)
-                # The course also ends if the method is switched off or move_base is silent,
-                # but then its goal goes on.
-                if self.enabled and not self.inputs.has_lost_move_base(now):
-                    rospy.loginfo("applr: the goal has ended")
-                self._base()
-            else:
-                self._begin_course(now)
-            self._goal = goal
-            self._last = None
+        goal = self.inputs.goal(now) if supervisor.enabled else None
+        if goal is None and supervisor.goal is not None:
+            self._note_end(now)
+            # The course also ends if the method is switched off or move_base is silent, but then
+            # its goal goes on.
+            if supervisor.enabled and not self.inputs.has_lost_move_base(now):
+                rospy.loginfo("applr: the goal has ended")
+        self._request(supervisor.pursue(goal, now.to_sec()))
         if self.client.connected and self.meter_scoring.update(now, goal is not None):
             self.client.reapply()  # The parameters in force were sent with other multipliers.
             self._publish_parameters()
-        if goal is not None and now >= self._due:
-            self._decide(now, goal)
+        is_settled = not self.client.busy and not self.meter_scoring.waits(now)
+        if supervisor.is_due(now.to_sec(), is_settled):
+            self._decide(now)
 
-    def _decide(self, now: rospy.Time, goal: str) -> None:
+    def _decide(self, now: rospy.Time) -> None:
         """Make the decision that is due, unless its inputs are missing."""
-        # Every course starts with theta_0, which may not be in force yet.
-        delay: float = (now - self._due).to_sec()
-        is_first = self._last is None
-        is_unsettled = self.client.busy or self.meter_scoring.waits(now)
-        if is_first and is_unsettled and delay < self.period:
-            return
         try:
             snapshot, context = self._observe(now)
         except ObservationError as problem:
-            if delay >= self.period:  # The observation has failed for a whole period.
-                self._due = now
-                self._fail("unusable", str(problem))
+            self._request(self.supervisor.miss_inputs(now.to_sec(), str(problem)))
             return
-
-        # The first decision waits for the first plan. It sets the time of the later ones, of which
-        # a late one does not delay the next one.
-        if is_first:
-            delay = 0.0
-        self.counts["late"] += delay > LATE_SHARE * self.period
-        self.counts["decisions"] += 1
-        self._due = now + rospy.Duration(max(self.period - delay, self.period / 2))
-        self._last = now
-
-        theta, refused = self._choose(context)
-        number = self.counts["decisions"]
-        cleared = self._has_cleared
-        self.topics.decision(number, now, goal, snapshot, context, theta, refused, cleared)
-        if refused:
-            self._fail("refused", f"decision refused, parameters unchanged: {refused}")
-            return
-        self._failures = 0
+        ruling = self.supervisor.decide(now.to_sec(), context)
+        if ruling.clears_costmaps:
+            self._costmaps.clear()
+        self._request(ruling.request)
+        self.topics.decision(ruling, now, self.supervisor.goal, snapshot, context)
 
     def _observe(self, now: rospy.Time) -> Tuple[Snapshot, Context]:
         """Return (Snapshot, Context) of a decision.
@@ -298,92 +206,39 @@ class ApplrNode:
         Raises:
             ObservationError: An input is missing or invalid.
         """
-        theta = self.client.theta()
+        # In the unit of the method, whatever was sent last
+        theta = self.client.theta(self.method.per_cell)
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
-        snapshot = self.inputs.snapshot(now, self._began)
-        return snapshot, Context.of(theta, snapshot.seen, self.space, self.method.layout)
+        snapshot = self.inputs.snapshot(now, self.supervisor.began)
+        return snapshot, self.supervisor.pilot.observe(theta, snapshot.seen)
 
     def _note_end(self, now: rospy.Time) -> None:
         """Publish the observation at the end of a course, for training from recorded drives."""
-        if self._last is None:
+        supervisor = self.supervisor
+        if supervisor.last is None:
             return
-        number = self.counts["decisions"]
+        number = supervisor.counts["decisions"]
         with suppress(ObservationError):
-            self.topics.course_end(number, now, self._goal, *self._observe(now))
-
-    def _choose(self, context: Optional[Context]) -> Tuple[Optional[np.ndarray], str]:
-        """Request the method's choice.
-
-        Return (theta, "") as requested, or (None, reason) if the method failed.
-
-        During a course, the choice of a static method is requested only after a stall, because
-        other parameters may have been set by hand since.
-        """
-        self._has_cleared = False
-        try:
-            theta = self.method.theta(context)
-            redrawn = None
-            if context is not None:
-                redrawn = self._stall_rule.instead(self.method, context, theta)
-                if self._stall_rule.clears_costmaps:
-                    self._costmaps.clear()
-                    self._has_cleared = True
-            is_in_force = self.method.static and context is not None and not self._is_redrawn
-            self._note_redrawn(redrawn is not None)
-            if redrawn is not None:
-                return self.client.request(redrawn), ""
-            if is_in_force:
-                return self.client.space.clip(theta), ""
-            return self.client.request(theta), ""
-        except Exception as problem:  # A method may be user code: the node goes on in any case.
-            return None, one_line(problem)
-
-    def _note_redrawn(self, is_redrawn: bool) -> None:
-        """Record whether the parameters are those of the stall rule, whose biases are per cell."""
-        self._is_redrawn = is_redrawn
-        self.client.per_cell = self.method.per_cell or is_redrawn
-
-    def _fail(self, kind: str, line: str) -> None:
-        """Count a period without a decision. After LOST_PERIODS of them, request theta_0."""
-        self.counts[kind] += 1
-        self._failures += 1
-        self._note_trouble(line)
-        if self._failures == LOST_PERIODS and not self.method.static:
-            self._note_trouble(f"no decision for {LOST_PERIODS} periods: back to theta_0")
-            self.client.request(self.space.theta0)
-
-    def _base(self) -> None:
-        """Request, between goals, those set by hand, a static method's, or theta_0."""
-        self._note_redrawn(False)
-        if self._by_hand is not None:
-            self.client.request(self._by_hand)
-            return
-        theta = None
-        if self.enabled and self.method.static:
-            theta, refused = self._choose(None)
-            self.degraded = refused or self.degraded
-        if theta is None:
-            self.client.request(self.space.theta0)
+            self.topics.course_end(number, now, supervisor.goal, *self._observe(now))
 
     def shutdown(self) -> None:
         """Restore theta_0 if this node has set other parameters."""
         client = self.client
         client.stop()
-        theta = client.space.clip(self.space.theta0)
         sent = client.sent
         if sent is None:
             return
-        is_default = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
-        if is_default and not client.busy:
+        # Theta_0 in the planner's own unit, as at its start
+        pilot = self.supervisor.pilot
+        start = pilot.space.settings(pilot.defaults().theta)
+        if sent == start and not client.busy:
             return
 
-        # Theta_0 is restored without multipliers, as at the planner's start. In the first attempt a
-        # server may still be busy with an earlier call.
-        self.meter_scoring.forget()
-        problem = client.apply(theta, RESTORE_S)
+        # In the first attempt a server may still be busy with an earlier call.
+        problem = client.apply(start, RESTORE_S)
         if problem:
-            client.apply(theta, RESTORE_S)
+            client.apply(start, RESTORE_S)
 
     def _on_restart(self, server: Server) -> None:
         """Set the parameters again after a server's restart, which lost them."""
@@ -418,27 +273,29 @@ class ApplrNode:
             self._note_trouble("")
 
         # At the start it is normal that the servers are not there yet.
-        trouble = self.trouble or self.degraded or self._range_line or ""
-        is_lost = bool(self.degraded) or self._failures >= LOST_PERIODS
+        supervisor = self.supervisor
+        trouble = self.trouble or supervisor.degraded or self._range_line or ""
+        is_lost = supervisor.is_degraded
         if theta is None:
             is_lost = is_lost or bool(trouble)
             trouble = trouble or "waiting for the parameter servers of move_base"
         decision_age = math.nan
-        if self._last is not None:
-            decision_age = (now - self._last).to_sec()
+        if supervisor.last is not None:
+            decision_age = now.to_sec() - supervisor.last
         servers = sorted(server.name for server in self.client.servers.values())
+        counts = {**supervisor.counts, **self.counts}
         values = {
-            **{name: self.counts[name] for name in COUNTS},
-            "method": self.method.name if self.enabled else "off",
-            "driving": self.in_force,
-            "stalls": self._stall_rule.count,
-            "max_speed": f"{self._max_speed:g}",
+            **{name: counts.get(name, 0) for name in COUNTS},
+            "method": self.method.name if supervisor.enabled else "off",
+            "driving": supervisor.in_force,
+            "stalls": supervisor.pilot.stalled_decisions,
+            "max_speed": f"{supervisor.pilot.max_speed:g}",
             "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
-            "goal": self._goal or "none",
+            "goal": supervisor.goal or "none",
             "decision_age_s": f"{decision_age:.2f}",
             "servers": ", ".join(servers) or "none",
         }
-        self.topics.diagnostics(now, trouble, is_lost, self._doing(), values)
+        self.topics.diagnostics(now, trouble, is_lost, supervisor.activity, values)
 
     def _publish_parameters(self) -> Optional[np.ndarray]:
         """Publish the parameters in force and the multipliers.
@@ -449,14 +306,6 @@ class ApplrNode:
         if theta is not None:
             self.topics.parameters(theta, rospy.Time.now(), self.client.multipliers)
         return theta
-
-    def _doing(self) -> str:
-        """Return the node's activity in words."""
-        if not self.enabled:
-            return f"switched off: {self.in_force} drive now"
-        if self._goal is None:
-            return "idle: no goal"
-        return "deciding"
 
 
 def range_mismatch(method: Method, namespace: str) -> str:

@@ -1,7 +1,8 @@
 """Client for the dynamic_reconfigure servers of one move_base, this package's or the C++ one.
 
-The applr node calls `request`, which never blocks, and reads the parameters in force with
-`theta()`. Names, bounds and layers are those that the servers declare.
+The applr node requests Settings, without blocking, and reads the parameters in force with
+`theta()`. Names, bounds and layers are those that the servers declare, and the unit of the distance
+biases is the planner's.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from dynamic_reconfigure.client import Client
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.nodes.applr.distance_weights import multipliers_of
-from applr_ros1.planner.parameters.settings import Settings, are_in_force
+from applr_ros1.planner.parameters.settings import Change, Settings, are_in_force
 from applr_ros1.policy.parameter_space import SPACE, Space
 from applr_ros1.robots.robot import Target
 
@@ -109,13 +110,24 @@ class Server:
         """Return the server's latest value at an address, or None."""
         return self.values.get(self.names[target.name])
 
-    def bounds_of(self, target: Target) -> Tuple[float, float]:
-        """Return the smallest and the largest number of a parameter that the server accepts."""
+    def largest_of(self, target: Target) -> float:
+        """Return the largest number of a parameter that the server accepts."""
         # A sign of -1 exchanges the bounds.
         declared = self.declared[self.names[target.name]]
-        signed_min = target.signed(declared["min"])
-        signed_max = target.signed(declared["max"])
-        return min(signed_min, signed_max), max(signed_min, signed_max)
+        return float(max(target.signed(declared["min"]), target.signed(declared["max"])))
+
+    def request(self, values: Mapping[str, Any]) -> Dict[str, float]:
+        """Return {name of a target: value} with this server's names, within its bounds.
+
+        The server would clamp the values itself, but its answer must equal the request. The library
+        converts the types.
+        """
+        request = {}
+        for target_name, value in values.items():
+            name = self.names[target_name]
+            declared = self.declared[name]
+            request[name] = float(min(max(value, declared["min"]), declared["max"]))
+        return request
 
     def has(self, request: Mapping[str, Any]) -> bool:
         """Return whether a request's values are in force.
@@ -123,13 +135,6 @@ class Server:
         False until a restarted server has been set.
         """
         return not self._is_restarted and are_in_force(request, self.values)
-
-    def request(self, values: Mapping[str, Any]) -> Dict[str, float]:
-        """Return {name of a target: value} with this server's names.
-
-        The library converts the types.
-        """
-        return {self.names[name]: float(value) for name, value in values.items()}
 
     def set(self, request: Mapping[str, Any]) -> None:
         """Begin a call that sets a request's values. The former call must have ended."""
@@ -165,10 +170,9 @@ class Server:
 class ReconfigureClient:
     """Client for the parameters of one move_base.
 
-    `apply` sets parameters and waits for the result. `request` leaves this to the client's thread,
-    which retries until the parameters are in force. Both clip to the ranges of the space, round
-    integers, and refuse values that are not finite. A parameter at its value in theta_0 gets the
-    robot's own values (Space.settings).
+    `apply` puts settings in force and waits for the result. `request` leaves this to the client's
+    thread, which retries until they are in force. Both convert settings per cell (Settings) to the
+    unit in which the planner counts, and bound each value as its server declares.
 
     Args:
         namespace: Namespace of move_base.
@@ -181,8 +185,7 @@ class ReconfigureClient:
 
     Attributes:
         servers: Servers found so far, by their names in the space.
-        per_cell: Whether the distance biases of the requested parameter sets are per costmap cell
-            (Method.per_cell).
+        busy: True until the latest request is in force.
         factor: Factor that the planner applies to its distance biases: 1.0 (they are per cell), or
             the resolution of its local costmap [m] (per metre). None until MeterScoring knows it.
     """
@@ -197,18 +200,16 @@ class ReconfigureClient:
     ):
         self.namespace = namespace.rstrip("/")
         self.space = space
-        self.per_cell = False
         self.factor: Optional[float] = None
         self._on_restart = on_restart
         self._on_report = on_report
         self._on_trouble = on_trouble
         self.servers: Dict[str, Server] = {}
-        self._requested: Optional[np.ndarray] = None  # theta (n,) of the last request
-        self._in_force: Optional[np.ndarray] = None  # the object `_requested` once it is in force
-        # (theta, values) of the last apply
-        self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None
+        self.busy = False
+        self._requested: Optional[Settings] = None  # settings of the last request
+        self._sent: Optional[Settings] = None  # settings of the last apply
         self._applying = threading.Lock()  # allows one apply at a time
-        self._requesting = threading.Lock()  # guards _requested
+        self._requesting = threading.Lock()  # guards _requested and busy
         self._wake = threading.Event()
         self._is_stopped = False
         self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
@@ -219,15 +220,14 @@ class ReconfigureClient:
         return len(self.servers) == len(self.space.servers)
 
     @property
-    def sent(self) -> Optional[np.ndarray]:
-        """Theta (n,) of the last apply, which some servers may have refused.
+    def sent(self) -> Optional[Settings]:
+        """Settings of the last apply in the planner's unit, which some servers may have refused.
 
         None before the first apply.
         """
         if self._sent is None:
             return None
-        theta, _ = self._sent
-        return theta
+        return self._converted(self._sent)
 
     def connect(self) -> str:
         """Find the servers.
@@ -303,67 +303,86 @@ class ReconfigureClient:
 
     @property
     def multipliers(self) -> Array:
-        """Factors (n,) of parameters on their way to the planner.
+        """Factors (n,) of the parameters of the last apply on their way to the planner.
 
-        They are not 1 if the sets are per cell, but the planner counts per metre.
+        They are not 1 if its settings are per cell, but the planner counts per metre.
         """
-        if self.factor is None or not self.per_cell:
-            return np.ones(len(self.space))
-        return multipliers_of(self.space, self.factor, self.bounds()[1])
+        return self._multipliers(self._is_per_cell)
 
-    def theta(self) -> Optional[Array]:
-        """Return the parameter set (n,) in force, without multipliers. None if `values` is None."""
+    @property
+    def _is_per_cell(self) -> bool:
+        """Whether the settings of the last apply are per cell."""
+        return self._sent is not None and self._sent.per_cell
+
+    def _multipliers(self, per_cell: bool) -> Array:
+        """Return the factors (n,) of parameters that are per cell or not."""
+        if self.factor is None or not per_cell:
+            return np.ones(len(self.space))
+        return multipliers_of(self.space, self.factor, self._largest())
+
+    def _converted(self, settings: Settings) -> Settings:
+        """Return settings in the unit in which the planner counts its distance biases."""
+        if self.factor is None or not settings.per_cell:
+            return Settings(settings)
+        multipliers = self._multipliers(per_cell=True)
+        changes = []
+        for index, target in self.space.addresses:
+            value = settings[target.server][target.name]
+            scaled_value = value * multipliers[index]
+            changes.append(Change(target.server, target.name, value, scaled_value))
+        return Settings(settings.with_(*changes))
+
+    def theta(self, per_cell: Optional[bool] = None) -> Optional[Array]:
+        """Return the parameters (n,) in force. None if `values` is None.
+
+        Args:
+            per_cell: Whether the distance biases are to be per cell (Settings); None for the unit
+                of the last apply.
+        """
         values = self.values()
         if values is None:
             return None
+        if per_cell is None:
+            per_cell = self._is_per_cell
         # The quotient of a product may differ from its factor in the last digit.
-        if self._sent is not None:
-            sent_theta, sent_values = self._sent
+        sent = self._sent
+        if sent is not None and sent.per_cell == per_cell:
+            sent_values = self.space.read_back(self._converted(sent))
             if np.array_equal(values, sent_values):
-                return sent_theta.copy()
-        theta: Array = values / self.multipliers
+                return self.space.read_back(sent)
+        theta: Array = values / self._multipliers(per_cell)
         return theta
 
-    def bounds(self) -> Tuple[Array, Array]:
-        """Return the smallest and the largest values (n,) that all servers accept."""
-        lowest = np.full(len(self.space), -np.inf)
-        highest = np.full(len(self.space), np.inf)
+    def _largest(self) -> Array:
+        """Return the largest parameters (n,) that all servers accept."""
+        largest = np.full(len(self.space), np.inf)
         for index, target in self.space.addresses:
-            smallest, largest = self.servers[target.server].bounds_of(target)
-            lowest[index] = max(lowest[index], smallest)
-            highest[index] = min(highest[index], largest)
-        return lowest, highest
+            largest[index] = min(largest[index], self.servers[target.server].largest_of(target))
+        return largest
 
-    def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:
-        """Set theta (n,) times `multipliers`, within the servers' bounds, and read the values back.
+    def apply(self, settings: Settings, seconds: float = DEADLINE_S) -> str:
+        """Put settings in force, and read the values back.
 
         The servers are called in parallel. A server whose values are in force already is not
         called, because every call of a costmap's server in C++ clears the costmap.
 
         Args:
-            theta: Parameters (n,).
+            settings: Values of all servers of the space.
             seconds: Wall time for all answers [s].
 
         Returns:
             "" if every value is in force, otherwise one line about the servers that refused, are
             gone or did not answer. The other servers have their new values, and the next attempt
             sets the missing ones.
-
-        Raises:
-            ApplrError: A value is not finite. Nothing was sent.
         """
-        theta = self.space.clip(theta)
         with self._applying:
             if not self.connected:
                 return f"no parameter servers below {self.namespace} yet"
-            self._sent = theta, theta * self.multipliers
+            self._sent = settings
 
             # Calls of all servers at once, but none beside an earlier call of the same server.
-            requests = []
-            for server_name, server_values in self._scaled(self.space.settings(theta)).items():
-                server = self.servers[server_name]
-                request = server.request(server_values)
-                requests.append((server, request))
+            requests = self._requests(settings)
+            for server, request in requests:
                 if server.call.done() and not server.has(request):
                     server.set(request)
             wait([server.call for server, _ in requests], seconds)
@@ -377,45 +396,37 @@ class ReconfigureClient:
                     errors.append(server.call.result() or busy_problem)
             return "; ".join(errors)
 
-    def _scaled(self, settings: Settings) -> Settings:
-        """Return settings times `multipliers`, within the bounds of each value's server."""
-        multipliers = self.multipliers
-        scaled: Dict[str, Dict[str, float]] = {}
-        for index, target in self.space.addresses:
-            value = target.signed(settings[target.server][target.name]) * multipliers[index]
-            smallest, largest = self.servers[target.server].bounds_of(target)
-            accepted = min(max(value, smallest), largest)
-            scaled.setdefault(target.server, {})[target.name] = target.signed(accepted)
-        return Settings(scaled)
+    def _requests(self, settings: Settings) -> List[Tuple[Server, Dict[str, float]]]:
+        """Return the request of each server that puts its part of the settings in force."""
+        requests = []
+        for server_name, values in self._converted(settings).items():
+            server = self.servers[server_name]
+            requests.append((server, server.request(values)))
+        return requests
 
     def start(self) -> None:
         """Start the thread that applies requests, including an earlier one."""
         self._thread.start()
 
-    def request(self, theta: np.ndarray) -> np.ndarray:
-        """Queue theta (n,) in place of the former request, and return it clipped to the ranges.
-
-        Raises:
-            ApplrError: A value is not finite. Nothing was changed.
-        """
-        theta = self.space.clip(theta)
+    def request(self, settings: Settings) -> None:
+        """Queue settings in place of the former request."""
         with self._requesting:
-            self._requested = theta
+            self._requested = settings
+            self.busy = True
         self._wake.set()
-        return theta
 
     def reapply(self) -> None:
         """Apply the present request again, for example after the restart of a server."""
-        # A new object counts as a new request, even if an attempt is under way.
         with self._requesting:
-            if self._requested is not None:
-                self._requested = self._requested.copy()
+            self.busy = self._requested is not None
         self._wake.set()
 
-    @property
-    def busy(self) -> bool:
-        """True until the latest request is in force."""
-        return self._requested is not self._in_force
+    def _note_in_force(self) -> None:
+        """End the request if all servers have its values, which another one may have replaced."""
+        with self._requesting:
+            if self._requested is not None:
+                requests = self._requests(self._requested)
+                self.busy = not all(server.has(request) for server, request in requests)
 
     def stop(self) -> None:
         """End the thread and drop the open request."""
@@ -435,7 +446,7 @@ class ReconfigureClient:
         search_count = 0
         while not self._is_stopped:
             pause = SEARCH_S
-            theta = self._requested
+            settings = self._requested
             try:
                 if not self.connected:
                     trouble = self.connect()
@@ -445,11 +456,11 @@ class ReconfigureClient:
                         self._on_trouble(trouble)
                     if not trouble:
                         pause = 0.0
-                elif theta is not None and self.busy:
+                elif settings is not None and self.busy:
                     pause = RETRY_S
-                    error = self.apply(theta)
+                    error = self.apply(settings)
                     if not error:
-                        self._in_force = theta
+                        self._note_in_force()
                     self._on_report(error)
             except Exception as problem:  # The thread must survive any error.
                 self._on_trouble(f"parameters not applied ({type(problem).__name__}: {problem})")

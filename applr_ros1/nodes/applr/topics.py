@@ -19,6 +19,7 @@ from applr_ros1.msg import Decision, Movers, Parameters
 from applr_ros1.nodes import conversions
 from applr_ros1.policy.observation import FARTHEST_M, beginning, local_goal
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
+from applr_ros1.policy.supervisor import Ruling
 from applr_ros1.robots import JACKAL, Robot
 
 
@@ -43,23 +44,12 @@ class ApplrTopics:
         """
         self._heartbeat.publish(Time(now))
 
-    def decision(
-        self,
-        number: int,
-        now: Any,
-        goal: str,
-        snapshot: Any,
-        context: Any,
-        theta: Any,
-        refused: str,
-        cleared: bool,
-    ) -> None:
-        """Publish a decision: Context, stamps of its inputs, theta (n,) or why it was refused.
-
-        cleared: whether both costmaps are cleared before it takes effect.
-        """
-        message = self._message(number, now, goal, snapshot, context, theta, refused)
-        message.cleared = cleared
+    def decision(self, ruling: Ruling, now: Any, goal: Any, snapshot: Any, context: Any) -> None:
+        """Publish a decision: Context, stamps of its inputs, and what was decided."""
+        message = self._message(
+            ruling.number, now, goal, snapshot, context, ruling.theta, ruling.refused
+        )
+        message.cleared = ruling.clears_costmaps
         self._decision.publish(message)
 
         # Displays show the local goal as an arrow from the robot to it.
@@ -70,7 +60,7 @@ class ApplrTopics:
         arrow = conversions.pose_stamped(arrow_pose, snapshot.frame, snapshot.odom_stamp)
         self._local_goal.publish(arrow)
 
-    def course_end(self, number: int, now: Any, goal: str, snapshot: Any, context: Any) -> None:
+    def course_end(self, number: int, now: Any, goal: Any, snapshot: Any, context: Any) -> None:
         """Publish the observation at the end of a course."""
         self._course_end.publish(self._message(number, now, goal, snapshot, context, None, ""))
 

@@ -6,10 +6,10 @@ watchdog once per cycle. Until the first heartbeat, the watchdog does nothing.
 
 from __future__ import annotations
 
-import math
 from typing import Any, Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import Space
 
 # Number of periods without a heartbeat after which the applr node counts as dead
@@ -43,30 +43,20 @@ class HeartbeatWatchdog:
         return True
 
 
-def start_up_requests(
-    move_base: MoveBase, space: Space, max_speed: float = 0.0
-) -> Dict[str, Dict[str, Any]]:
-    """Return the requests that restore a space's parameters to the planner's start-up values.
+def start_up_settings(move_base: MoveBase, space: Space) -> Settings:
+    """Return the settings that restore a space's parameters to the planner's start-up values.
+
+    These may exceed the robot's max_speed, which then limits the commands as it does from the start
+    on (MoveBaseNode).
 
     Args:
         move_base: The MoveBase.
         space: Space of the parameters.
-        max_speed: Upper limit of the speeds in the requests, as of Space.below [m/s]; 0 for no
-            limit.
-
-    Returns:
-        {server: {name: value}}
     """
-    speed_limit = max_speed if max_speed > 0.0 else math.inf
-    requests: Dict[str, Dict[str, Any]] = {}
-    for server, names in space.settings(space.theta0).items():
-        if server not in move_base.servers:
-            continue  # The policy may also learn parameters of a planner that is not in use.
-        start_values = move_base.start_up_configuration(server)
-        requests[server] = {name: start_values[name] for name in names}
-    for parameter_index, target in space.addresses:
-        if target.server in requests and space.sets_speed[parameter_index]:
-            start_speed = target.signed(requests[target.server][target.name])
-            limited_speed = min(start_speed, speed_limit)
-            requests[target.server][target.name] = target.signed(limited_speed)
-    return requests
+    start_values: Dict[str, Dict[str, Any]] = {}
+    for _, target in space.addresses:
+        # The policy may also learn parameters of a planner that is not in use.
+        if target.server in move_base.start_up:
+            value = move_base.start_up[target.server][target.name]
+            start_values.setdefault(target.server, {})[target.name] = value
+    return Settings(start_values)

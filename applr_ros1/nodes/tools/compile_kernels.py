@@ -25,7 +25,6 @@ from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
@@ -117,7 +116,7 @@ def drive(robot: Robot) -> None:
         if state.time >= next_decision:
             next_decision += DECISION_S
             theta = space.to_theta(rng.uniform(-1.0, 1.0, len(space)))
-            send(space.settings(theta), stack.move_base)
+            stack.move_base.put_in_force(space.settings(theta))
         scan = None
         if state.time + 1e-6 >= scan_due:
             scan_due += robot.laser.period_in(CYCLE_S)

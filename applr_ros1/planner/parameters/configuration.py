@@ -1,4 +1,4 @@
-"""Current values of the dynamic_reconfigure servers.
+"""Settings of the dynamic_reconfigure servers at start-up and now.
 
 Requests change them, which are accepted or rejected as a whole.
 MoveBase has one configuration, which knows the declarations but not the effect of the values.
@@ -6,51 +6,49 @@ MoveBase has one configuration, which knows the declarations but not the effect 
 
 from __future__ import annotations
 
-from typing import Any, Dict, Tuple
+from typing import Any, Dict, Mapping
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import CONTRADICTIONS, servers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, by_name
+from applr_ros1.planner.parameters.settings import Settings
 
 
 class Configuration:
-    """Current and start-up values of all servers.
+    """Current and start-up settings of all servers.
 
     Args:
         tree: complete parameter tree (check.complete).
+
+    Attributes:
+        start_up: settings of the tree, including older names.
+        current: settings in force, under the same names.
     """
 
     def __init__(self, tree: Dict[str, Any]):
-        self._start: Dict[str, Dict[str, Any]] = {}
-        self._declared: Dict[str, Tuple[Parameter, ...]] = {}
-        self._by_name: Dict[str, Dict[str, Parameter]] = {}
-        for server, declaration in servers(tree).items():
+        self._servers = servers(tree)
+        self._declared: Dict[str, Dict[str, Parameter]] = {}
+        start_values: Dict[str, Dict[str, Any]] = {}
+        for server, declaration in self._servers.items():
             section = branch(tree, server)
-            parameters = by_name(declaration.parameters)
-            self._declared[server] = declaration.parameters
-            self._by_name[server] = parameters
-            self._start[server] = {}
-            for name, parameter in parameters.items():
-                self._start[server][name] = parameter.clamp(section[name])
+            self._declared[server] = by_name(declaration.parameters)
+            start_values[server] = {name: section[name] for name in self._declared[server]}
+        self.start_up = Settings(start_values)
         self.restore()
 
     def restore(self) -> None:
         """Restore the start-up values of all servers."""
-        self._current = {server: dict(values) for server, values in self._start.items()}
+        self.current = self.start_up
 
-    def __getitem__(self, server: str) -> Dict[str, Any]:
-        """Return the values of one server by name, including older names; read-only."""
+    def __getitem__(self, server: str) -> Mapping[str, Any]:
+        """Return the current values of one server by name, including older names."""
         try:
-            return self._current[server]
+            return self.current[server]
         except KeyError:
-            known_servers = ", ".join(map(repr, self._start))
+            known_servers = ", ".join(map(repr, self.start_up))
             raise ParameterError(f"no server {server!r}: give one of {known_servers}") from None
 
-    def start_up(self, server: str) -> Dict[str, Any]:
-        """Return a copy of the start-up values of one server."""
-        return dict(self._start[server])
-
-    def request(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
+    def request(self, server: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the server's values after a request: converted, clamped, with older names updated.
 
         Changes nothing yet (see accept). If a parameter is given under both names, the value that
@@ -61,19 +59,19 @@ class Configuration:
             be used.
         """
         # All values are read before any is used: a request is accepted as a whole or not at all.
-        parameters = self._by_name.get(server, {})
+        declared = self._declared.get(server, {})
         current = self[server]
         requested = {}
         for name, value in values.items():
-            if name not in parameters:
+            if name not in declared:
                 raise ParameterError(f"{name}: no such parameter of server {server!r}")
-            requested[name] = parameters[name].taken(value)
+            requested[name] = declared[name].taken(value)
         if requested.get("restore_defaults"):
-            return dict(self._start[server])
+            return self.start_up[server]
 
         # Clients such as rqt_reconfigure send all values, so that an older name comes with each
         # newer one.
-        for parameter in self._declared[server]:
+        for parameter in self._servers[server].parameters:
             given_names = [name for name in parameter.names if name in requested]
             if not given_names:
                 continue
@@ -93,9 +91,9 @@ class Configuration:
         if server == "":
             # No other planner can be loaded at run time.
             for name in ("base_global_planner", "base_local_planner"):
-                result[name] = self._start[server][name]
+                result[name] = self.start_up[server][name]
         return result
 
-    def accept(self, server: str, values: Dict[str, Any]) -> None:
+    def accept(self, server: str, values: Mapping[str, Any]) -> None:
         """Apply the values that request() returned."""
-        self._current[server] = values
+        self.current = self.current.replaced(server, values)

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import RESTORE
-
-if TYPE_CHECKING:
-    from applr_ros1.planner.move_base import MoveBase
 
 
 class Change(NamedTuple):
@@ -85,12 +82,18 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
     Args:
         values: {server: {name: value}}, which are copied.
+        per_cell: Unit of the distance biases of TrajectoryPlannerROS. True if they are per costmap
+            cell, whatever the planner counts in. False if they are in the planner's own unit.
     """
 
-    def __init__(self, values: Mapping[str, Mapping[str, Any]]):
+    def __init__(self, values: Mapping[str, Mapping[str, Any]], per_cell: bool = False):
+        self.per_cell = per_cell
         self._values = {}
         for server, server_values in values.items():
-            self._values[server] = MappingProxyType(dict(server_values))
+            # The values of other settings never change: these settings share them.
+            if not isinstance(server_values, MappingProxyType):
+                server_values = MappingProxyType(dict(server_values))
+            self._values[server] = server_values
 
     def __getitem__(self, server: str) -> Mapping[str, Any]:
         return self._values[server]
@@ -101,8 +104,18 @@ class Settings(Mapping[str, Mapping[str, Any]]):
     def __len__(self) -> int:
         return len(self._values)
 
+    def __eq__(self, other: Any) -> bool:
+        """Return whether all values are equal, and in the same unit."""
+        if isinstance(other, Settings) and other.per_cell != self.per_cell:
+            return False
+        return super().__eq__(other)
+
+    def __deepcopy__(self, memo: Dict[int, Any]) -> Settings:
+        """Return the settings themselves, because they never change."""
+        return self
+
     def __repr__(self) -> str:
-        return f"Settings({self.to_tree()})"
+        return f"Settings({self.to_tree()}, per_cell={self.per_cell})"
 
     @classmethod
     def from_tree(cls, tree: Dict[str, Any]) -> Settings:
@@ -132,7 +145,15 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         values = {server: dict(server_values) for server, server_values in self.items()}
         for change in changes:
             values.setdefault(change.server, {})[change.name] = change.after
-        return Settings(values)
+        return Settings(values, self.per_cell)
+
+    def replaced(self, server: str, values: Mapping[str, Any]) -> Settings:
+        """Return the settings with other values of one server {name: value}."""
+        return Settings({**self._values, server: values}, self.per_cell)
+
+    def only(self, servers: Iterable[str]) -> Settings:
+        """Return the settings of some servers."""
+        return Settings({server: self._values[server] for server in servers}, self.per_cell)
 
     def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
         """Return the changes from these settings to others.
@@ -156,17 +177,3 @@ def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) ->
     (Costmap2DROS::reconfigureCB).
     """
     return all(configuration.get(name) == value for name, value in values.items())
-
-
-def send(settings: Settings, move_base: MoveBase) -> Settings:
-    """Put settings in force in a MoveBase, and return the current configurations of their servers.
-
-    Like the applr node over ROS, it does not call servers that already have the values.
-    """
-    # A server may clamp a value or change its other name, so that its answer is returned.
-    configurations = {}
-    for server, values in settings.items():
-        configurations[server] = move_base.configuration(server)
-        if not are_in_force(values, configurations[server]):
-            configurations[server] = move_base.reconfigure(server, dict(values))
-    return Settings(configurations)

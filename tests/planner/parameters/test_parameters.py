@@ -71,7 +71,7 @@ def assert_declared_as_in_cpp(parameter, cpp_parameter):
 @pytest.mark.parametrize("server", servers(complete(JACKAL_PARAMETERS)))
 def test_servers_equal_the_cpp_ones(server):
     cpp_server = SURFACE["dynamic_reconfigure"][f"/move_base/{server}".rstrip("/")]
-    start_up = Configuration(complete(JACKAL_PARAMETERS)).start_up(server)
+    start_up = Configuration(complete(JACKAL_PARAMETERS)).start_up[server]
     parameters = servers(complete(JACKAL_PARAMETERS))[server].parameters
     assert len(parameters) == len(cpp_server)
     for parameter, cpp_parameter in zip(parameters, cpp_server):
@@ -556,7 +556,7 @@ class TestConfiguration:
     def test_restore_defaults_is_the_start_up_state(self, config):
         config.accept(PLANNER, config.request(PLANNER, {"max_vel_x": 1.5}))
         accepted = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
-        assert accepted == config.start_up(PLANNER)
+        assert accepted == config.start_up[PLANNER]
         assert accepted["max_vel_x"] == 0.5
         assert accepted["restore_defaults"] is False
 

@@ -1,12 +1,14 @@
 """Tests of parameter values by server and name, and of changes between them."""
 
+import copy
+
 import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.planner.parameters.settings import Change, Settings, send
+from applr_ros1.planner.parameters.settings import Change, Settings
 
 PLANNER = "TrajectoryPlannerROS"
 LAYER = "local_costmap/inflater_layer"
@@ -40,6 +42,26 @@ def test_settings_never_change(settings):
     assert changed[PLANNER]["max_vel_x"] == 0.25
     with pytest.raises(TypeError):
         settings[PLANNER]["max_vel_x"] = 0.1
+
+
+def test_other_values_of_a_server_replace_all_that_it_had(settings):
+    narrow = {"inflation_radius": 0.5}
+    replaced = settings.replaced(LAYER, narrow)
+    assert replaced == {PLANNER: settings[PLANNER], LAYER: narrow}
+    assert replaced.only([LAYER]) == {LAYER: narrow}
+    narrow["inflation_radius"] = 2.0
+    assert replaced[LAYER]["inflation_radius"] == 0.5
+    # A copied planner, as in a search, needs no copy of what never changes.
+    assert copy.deepcopy(settings) is settings
+
+
+def test_equal_numbers_in_another_unit_are_other_settings(settings):
+    per_cell = Settings(settings, per_cell=True)
+    assert per_cell != settings
+    assert per_cell == Settings(settings, per_cell=True)
+    # Other values keep the unit.
+    for derived in (per_cell.with_(SLOWER), per_cell.only([LAYER]), per_cell.replaced(LAYER, {})):
+        assert derived.per_cell
 
 
 def test_a_change_in_words():
@@ -80,11 +102,11 @@ def test_settings_are_put_in_force_with_one_request_for_each_server_that_differs
     monkeypatch.setattr(move_base, "reconfigure", reconfigure)
     start = Settings.from_tree(move_base.parameters)
     changed = start.with_(SLOWER, NARROWER)
-    in_force = send(changed, move_base)
+    in_force = move_base.put_in_force(changed)
     assert sorted(called_servers) == sorted([PLANNER, LAYER])
     assert changed.differences(in_force) == []
 
     # And back
-    send(start, move_base)
+    move_base.put_in_force(start)
     configurations = {server: move_base.configuration(server) for server in start}
     assert start.differences(configurations) == []

@@ -14,7 +14,6 @@ import worlds
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
-from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
@@ -179,7 +178,7 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert longest.last - longest.first == 100  # five seconds
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
     planner = copy.deepcopy(stretch.planner)
-    send(SPACE.settings(theta), planner)
+    planner.put_in_force(SPACE.settings(theta))
     for index in range(30, 60):
         drive.commands.twist[index] = appld_fit.step(planner, drive, JACKAL, index)
 

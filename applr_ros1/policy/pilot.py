@@ -1,0 +1,176 @@
+"""The pilot: which parameters the planner drives with, decided once per decision period.
+
+The applr node, simulated trials and the learning environment all ask a Pilot. A period without a
+decision, such as one in which the method raised an error, is reported with `miss`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, Optional
+
+import numpy as np
+
+from applr_ros1.common.arrays import Array
+from applr_ros1.policy.decision import Context, Method, Seen
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.stall import StallRule
+from applr_ros1.robots import Robot
+
+# Number of successive periods without a decision after which the method counts as lost
+LOST_PERIODS = 3
+# Reasons of a choice
+METHOD = "method"  # parameters of the method
+STALL = "stall"  # parameters of the stall rule in place of those of the method
+DEFAULTS = "defaults"  # default parameters of the robot, theta_0
+
+
+class Choice(NamedTuple):
+    """Parameters to drive with from now on.
+
+    Attributes:
+        theta: Parameters (n,) within the ranges and the speed limit.
+        clears_costmaps: Whether both costmaps are to be cleared before they take effect.
+        why: METHOD, STALL or DEFAULTS.
+        per_cell: Whether the distance biases are per costmap cell (Method.per_cell).
+    """
+
+    theta: Array
+    clears_costmaps: bool
+    why: str
+    per_cell: bool
+
+
+class Pilot:
+    """Method, stall rule, fallback and speed limit of one robot.
+
+    Args:
+        method: Method that chooses the parameters; may be replaced between two decisions.
+        robot: Description of the robot.
+        period: Decision period [s]; None for the method's period.
+        max_speed: Upper limit of the top speed [m/s], for every method and for the defaults.
+
+    Attributes:
+        space: Parameter space of the robot, below the speed limit.
+        misses: Number of successive periods without a decision.
+    """
+
+    def __init__(
+        self,
+        method: Method,
+        robot: Robot,
+        period: Optional[float] = None,
+        max_speed: float = math.inf,
+    ):
+        self.method = method
+        self.max_speed = max_speed
+        self.space = space_of(robot)
+        self._full_space = self.space
+        if max_speed < math.inf:
+            self.space = self.space.below(max_speed)
+        self.misses = 0
+        self._period = period
+        self._stall_rule = StallRule(robot)
+
+    @property
+    def period(self) -> float:
+        """Decision period [s]: the period set for the pilot if any, else the method's."""
+        if self._period is not None:
+            return self._period
+        return self.method.period
+
+    @property
+    def stalled_decisions(self) -> int:
+        """Number of decisions of the stall rule so far, in all courses."""
+        return self._stall_rule.count
+
+    @property
+    def has_lost_method(self) -> bool:
+        """Whether LOST_PERIODS have passed since the last decision."""
+        return self.misses >= LOST_PERIODS
+
+    def begin(self, seed: int) -> None:
+        """Begin a course, and seed all random draws.
+
+        Raises what the method raises, which may be user code. The course has begun nevertheless.
+        """
+        self.misses = 0
+        self._stall_rule.reset(seed)
+        self.method.period = self.period  # The observation may depend on the period.
+        self.method.reset(seed)
+
+    def observe(self, theta: Array, seen: Seen) -> Context:
+        """Return the context of a decision.
+
+        Args:
+            theta: Parameters (n,) in force.
+            seen: Inputs of the decision.
+
+        Raises:
+            ObservationError: An input is invalid.
+        """
+        # Observations are scaled to the robot's whole ranges, whatever the speed limit.
+        return Context.of(theta, seen, self._full_space, self.method.layout)
+
+    def decide(self, context: Context) -> Choice:
+        """Return the parameters until the next decision.
+
+        Raises what the method raises, and ApplrError if its parameters are not finite.
+        """
+        theta = self.method.theta(context)
+        redrawn = self._stall_rule.instead(self.method, context, theta)
+        clears_costmaps = self._stall_rule.clears_costmaps
+        if redrawn is None:
+            choice = Choice(self.limited(theta), clears_costmaps, METHOD, self.method.per_cell)
+        else:
+            theta = self._with_ordered_speeds(self.limited(redrawn))
+            # All biases that the rule draws are per cell.
+            choice = Choice(theta, clears_costmaps, STALL, per_cell=True)
+        self.misses = 0
+        return choice
+
+    def miss(self) -> Optional[Choice]:
+        """Count a period without a decision.
+
+        Return the defaults once LOST_PERIODS have passed without one. Until then, and if the method
+        is static, the parameters stay: None.
+        """
+        self.misses += 1
+        if self.misses == LOST_PERIODS and not self.method.static:
+            return self.defaults()
+        return None
+
+    def between_courses(self) -> Choice:
+        """Return the parameters without a course: those of a static method, else the defaults.
+
+        Raises what the method raises, and ApplrError if its parameters are not finite.
+        """
+        if not self.method.static:
+            return self.defaults()
+        theta = self.limited(self.method.theta(None))
+        return Choice(theta, False, METHOD, self.method.per_cell)
+
+    def defaults(self) -> Choice:
+        """Return the robot's default parameters, theta_0."""
+        theta = self.limited(self._full_space.theta0)
+        return Choice(theta, False, DEFAULTS, self.method.per_cell)
+
+    def limited(self, theta: Any) -> Array:
+        """Return the nearest parameters (n,) within the ranges and the speed limit.
+
+        Counts are rounded. The reconfigure servers then bound each value once more.
+
+        Raises:
+            ApplrError: The length is wrong or a value is not finite.
+        """
+        return self.space.clip(theta)
+
+    def _with_ordered_speeds(self, theta: Array) -> Array:
+        """Return parameters (n,) whose smallest speed ahead is at most the largest one.
+
+        The stall rule draws one of them, or the method may choose the largest.
+        """
+        values = dict(zip(self.space.names, theta))
+        if "min_vel_x" in values and "max_vel_x" in values:
+            values["min_vel_x"] = min(values["min_vel_x"], values["max_vel_x"])
+        return np.array([values[name] for name in self.space.names])
