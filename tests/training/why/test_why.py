@@ -137,7 +137,8 @@ def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_p
     """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new
     padding.
     """
-    robot, driven = spoilt
+    _, driven = spoilt
+    robot = JACKAL
     decision = decided({"sim_time": 9.0, "footprint_padding": 0.14})
     driven = replace(
         until(driven, 1.0),
