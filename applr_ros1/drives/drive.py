@@ -19,6 +19,7 @@ from worlds import World
 
 SelfRows = TypeVar("SelfRows", bound="Rows")
 Needed = TypeVar("Needed")
+WIDTH = "width"  # key of a field's metadata: numbers in a row of its array
 # How the planner ended a goal
 REACHED = "reached"
 ABORTED = "aborted"
@@ -93,8 +94,8 @@ class Motion(Rows):
     """
 
     stamp: np.ndarray
-    pose: np.ndarray
-    twist: np.ndarray
+    pose: np.ndarray = field(metadata={WIDTH: 3})
+    twist: np.ndarray = field(metadata={WIDTH: 2})
 
     def pose_at(self, stamp: float) -> Pose:
         """Return the pose (x, y, yaw) [m, m, rad] at a time [s], between the poses around it."""
@@ -122,7 +123,7 @@ class Commands(Rows):
         twist: (n, 2) v [m/s], w [rad/s].
     """
 
-    twist: np.ndarray
+    twist: np.ndarray = field(metadata={WIDTH: 2})
 
 
 @dataclass
@@ -137,7 +138,7 @@ class Scans(Rows):
     """
 
     stamp: np.ndarray
-    fan: np.ndarray
+    fan: np.ndarray = field(metadata={WIDTH: 4})
     ranges: List[np.ndarray]
 
 
@@ -178,7 +179,7 @@ class Transforms(Rows):
     stamp: np.ndarray
     parent: List[str]
     child: List[str]
-    place: np.ndarray
+    place: np.ndarray = field(metadata={WIDTH: 7})
     is_static: List[bool]
 
 
@@ -434,3 +435,18 @@ class DrivenToGoal(NamedTuple):
 
     truth: Motion
     goals: List[Goal]
+
+
+def _kinds_of_columns() -> Dict[str, Any]:
+    """Return {column: class of its rows or events} of the drive's columns that have one."""
+    kinds = {}
+    for column_name, declared in get_type_hints(Drive).items():
+        # Optional[Motion] or List[Decision]
+        for argument in getattr(declared, "__args__", ()):
+            is_rows = isinstance(argument, type) and issubclass(argument, Rows)
+            if is_rows or argument in (Decision, SentGoal):
+                kinds[column_name] = argument
+    return kinds
+
+
+KIND_OF_COLUMN = _kinds_of_columns()

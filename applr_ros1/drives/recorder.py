@@ -1,77 +1,76 @@
 """Recorder: collects the rows of a drive while it happens, and returns them as a Drive."""
 
-from typing import Any, Dict, List, Mapping, Optional
+from dataclasses import fields
+from typing import Any, Dict, List, Mapping, Optional, Type
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import (
-    Changes,
-    Clearances,
-    Commands,
+    KIND_OF_COLUMN,
+    WIDTH,
     Decision,
     Drive,
     Goal,
-    Motion,
-    Plans,
-    Refusals,
-    Scans,
+    Rows,
     SentGoal,
-    Verdicts,
 )
 from applr_ros1.monitor.monitor import Verdict
 from applr_ros1.monitor.motion import Twist
 from worlds import World
 
+FIRST_ROWS = 256  # rows for which a log has room at first
+# Columns of which an Outcome is made
+ALWAYS = {"truth", "odometry", "clearances", "observed"}
+UNKNOWN = {"transforms"}  # columns that only a robot with ROS has
 
-class Table:
-    """Growing table of numbers, whose rows can be read as an array at any time.
+
+class RowLog:
+    """Growing rows of a column, which can be read at any time.
 
     Args:
-        width: Number of columns.
+        kind: Class of the rows, such as Motion.
     """
 
-    def __init__(self, width: int):
-        self._rows = np.empty((256, width))
+    def __init__(self, kind: Type[Rows]):
+        self._kind = kind
         self._count = 0
+        self._arrays: Dict[str, np.ndarray] = {}
+        self._lists: Dict[str, List[Any]] = {}
+        for column in fields(kind):
+            if column.type is not np.ndarray:
+                self._lists[column.name] = []
+            elif WIDTH in column.metadata:
+                self._arrays[column.name] = np.empty((FIRST_ROWS, column.metadata[WIDTH]))
+            else:
+                self._arrays[column.name] = np.empty(FIRST_ROWS)
 
-    def append(self, *numbers: float) -> None:
-        """Add a row."""
-        # Doubling keeps the mean cost of a row constant.
-        if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        self._rows[self._count] = numbers
+    def append(self, **values: Any) -> None:
+        """Add a row, with a value for each field of the class."""
+        row = self._count
+        if row == len(self._arrays["time"]):
+            self._grow()
+        for column_name, array in self._arrays.items():
+            array[row] = values[column_name]
+        for column_name, entries in self._lists.items():
+            entries.append(values[column_name])
         self._count += 1
 
-    @property
-    def rows(self) -> np.ndarray:
-        """Rows so far (n, width), as a view."""
-        return self._rows[: self._count]
-
-
-class Log:
-    """Growing list of values with the times at which they came."""
-
-    def __init__(self) -> None:
-        self._times: List[float] = []
-        self._values: List[Any] = []
-
-    def append(self, time: float, value: Any) -> None:
-        """Add a value that came at a time [s]."""
-        self._times.append(time)
-        self._values.append(value)
+    def _grow(self) -> None:
+        # Doubling keeps the mean cost of a row constant.
+        for column_name, array in self._arrays.items():
+            self._arrays[column_name] = np.concatenate([array, np.empty_like(array)])
 
     @property
-    def times(self) -> np.ndarray:
-        """Times so far (n,) [s]."""
-        return np.array(self._times, np.float64)
-
-    @property
-    def values(self) -> List[Any]:
-        """Values so far, as a copy."""
-        # The log grows on, but not the drives that were made of it.
-        return list(self._values)
+    def rows(self) -> Any:
+        """Rows so far. Its arrays are views, and the lists copies: the log grows on."""
+        columns: Dict[str, Any] = {}
+        for column_name, array in self._arrays.items():
+            columns[column_name] = array[: self._count]
+        for column_name, entries in self._lists.items():
+            columns[column_name] = list(entries)
+        return self._kind(**columns)
 
 
 class Recorder:
@@ -89,40 +88,34 @@ class Recorder:
     def __init__(self, world: Optional[World] = None, everything: bool = False):
         self.everything = everything
         self._world = world
-        # Rows that an Outcome needs
-        self._truth = Table(6)  # time, x, y, yaw, v, w
-        self._clearances = Table(2)  # time, smallest range
-        self._observed = Table(2)  # time, smallest range
+        self._logs: Dict[str, RowLog] = {}
+        for column_name, kind in KIND_OF_COLUMN.items():
+            if issubclass(kind, Rows):
+                self._logs[column_name] = RowLog(kind)
         self._contacts: List[float] = []
-        self._odometry = Table(6)  # time, x, y, yaw, v, w
-        # Rows for a diagnosis or a bag
-        self._scans = Log()
-        self._routes = Log()
-        self._plans = Log()
-        self._refusals = Log()  # {critic: number}
-        self._planned = Table(3)  # time, v, w
-        self._commands = Table(3)  # time, v, w
-        self._verdicts = Log()
-        self._servers = Log()  # names of the servers whose parameters changed
-        self._values = Log()
         self._recoveries: List[float] = []
         self.decisions: List[Decision] = []
         self.ends: List[Decision] = []
         self.sent: List[SentGoal] = []
         self.goals: List[Goal] = []
 
+    def add(self, column: str, time: float, **values: Any) -> None:
+        """Add a row to a column of Drive, with the time [s] and the other fields of its class."""
+        self._logs[column].append(time=time, **values)
+
     # -- rows that are always kept -----------------------------------------------------------------
     def moved(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's true motion."""
-        self._truth.append(time, *pose, *twist)
+        # A simulator's rows hold for the time at which they come.
+        self.add("truth", time, stamp=time, pose=pose, twist=twist)
 
     def measured(self, time: float, nearest: float) -> None:
         """Add the smallest range of a scan [m]."""
-        self._clearances.append(time, nearest)
+        self.add("clearances", time, nearest=nearest)
 
     def observed(self, time: float, nearest: float) -> None:
         """Add the smallest range [m] of a scan that the method sees."""
-        self._observed.append(time, nearest)
+        self.add("observed", time, nearest=nearest)
 
     def touched(self, time: float) -> None:
         """Add a contact."""
@@ -130,41 +123,47 @@ class Recorder:
 
     def localised(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's motion by odometry."""
-        self._odometry.append(time, *pose, *twist)
+        self.add("odometry", time, stamp=time, pose=pose, twist=twist)
 
     # -- rows that are kept on request -------------------------------------------------------------
     def scanned(self, time: float, scan: LaserScan) -> None:
         """Add a laser scan."""
-        self._scans.append(time, scan)
+        fan = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        self.add("scans", time, stamp=time, fan=fan, ranges=scan.ranges)
 
     def routed(self, time: float, path: np.ndarray) -> None:
         """Add a plan (k, 3) of the global planner."""
-        self._routes.append(time, path)
+        self.add("routes", time, path=path)
 
     def refused(self, time: float, critics: Dict[str, int]) -> None:
         """Add a cycle of the local planner.
 
         critics: number of velocities that each critic rejected if none was valid, else {}.
         """
-        self._refusals.append(time, critics)
+        self.add("refusals", time, critics=critics)
 
     def planned(self, time: float, command: Twist, path: np.ndarray) -> None:
         """Add a command of the local planner, and the plan (k, 3) that it followed."""
-        self._planned.append(time, *command)
-        self._plans.append(time, path)
+        self.add("planned", time, twist=command)
+        self.add("plans", time, path=path)
 
     def commanded(self, time: float, command: Twist) -> None:
         """Add a command to the base."""
-        self._commands.append(time, *command)
+        self.add("commands", time, twist=command)
 
     def judged(self, time: float, verdict: Verdict) -> None:
         """Add a verdict of the collision monitor."""
-        self._verdicts.append(time, verdict)
+        self.add(
+            "verdicts",
+            time,
+            action=verdict.action,
+            reason=verdict.reason,
+            blocked=verdict.blocked,
+        )
 
     def changed(self, time: float, server: str, values: Mapping[str, Any]) -> None:
         """Add parameters {name: value} of a server that are now in force."""
-        self._servers.append(time, server)
-        self._values.append(time, dict(values))
+        self.add("changes", time, server=server, values=dict(values))
 
     def recovered(self, time: float) -> None:
         """Add the beginning of a recovery behaviour."""
@@ -176,7 +175,9 @@ class Recorder:
         """Drive so far, with all columns that are kept."""
         drive = self.course
         if self.everything:
-            self._add_details(drive)
+            for column_name in self._logs.keys() - ALWAYS - UNKNOWN:
+                setattr(drive, column_name, self._logs[column_name].rows)
+            drive.recoveries = np.array(self._recoveries)
         return drive
 
     @property
@@ -187,11 +188,11 @@ class Recorder:
         """
         return Drive(
             name=self._world.name if self._world is not None else "",
-            truth=_motion(self._truth.rows),
+            truth=self._logs["truth"].rows,
             # A column without rows was not recorded.
-            odometry=_motion(self._odometry.rows) or None,
-            clearances=_clearances(self._clearances.rows),
-            observed=_clearances(self._observed.rows) or None,
+            odometry=self._logs["odometry"].rows or None,
+            clearances=self._logs["clearances"].rows,
+            observed=self._logs["observed"].rows or None,
             decisions=self.decisions,
             ends=self.ends,
             sent=self.sent,
@@ -199,48 +200,3 @@ class Recorder:
             contacts=np.array(self._contacts),
             world=self._world,
         )
-
-    def _add_details(self, drive: Drive) -> None:
-        """Add the columns that are kept on request."""
-        drive.planned = _commands(self._planned.rows)
-        drive.commands = _commands(self._commands.rows)
-        drive.routes = Plans(self._routes.times, self._routes.values)
-        drive.plans = Plans(self._plans.times, self._plans.values)
-        drive.refusals = Refusals(self._refusals.times, self._refusals.values)
-        drive.scans = _scans(self._scans)
-        drive.verdicts = Verdicts(self._verdicts.times, action=[], reason=[], blocked=[])
-        for verdict in self._verdicts.values:
-            drive.verdicts.action.append(verdict.action)
-            drive.verdicts.reason.append(verdict.reason)
-            drive.verdicts.blocked.append(verdict.blocked)
-        drive.changes = Changes(self._values.times, self._servers.values, self._values.values)
-        drive.recoveries = np.array(self._recoveries)
-
-
-def _motion(rows: np.ndarray) -> Motion:
-    """Return rows of time, x, y, yaw, v, w as a Motion."""
-    times = rows[:, 0]
-    poses = rows[:, 1:4]
-    twists = rows[:, 4:6]
-    # A simulator's rows hold for the time at which they come.
-    return Motion(time=times, stamp=times, pose=poses, twist=twists)
-
-
-def _commands(rows: np.ndarray) -> Commands:
-    """Return rows of time, v, w as columns."""
-    return Commands(time=rows[:, 0], twist=rows[:, 1:])
-
-
-def _clearances(rows: np.ndarray) -> Clearances:
-    """Return rows of time and smallest range as columns."""
-    return Clearances(time=rows[:, 0], nearest=rows[:, 1])
-
-
-def _scans(log: Log) -> Scans:
-    """Return laser scans as columns."""
-    fans = []
-    ranges = []
-    for scan in log.values:
-        fans.append((scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max))
-        ranges.append(scan.ranges)
-    return Scans(log.times, log.times, np.array(fans).reshape(-1, 4), ranges)

@@ -32,7 +32,7 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
     """
     # The parameter server may hold a name such as 2 as a number.
     robot_name = str(parameters.get("robot", JACKAL.name))
-    robot = load(robot_name, with_map=_drives_on_map(parameters))
+    robot = load(robot_name, with_map=bool(parameters.get("map", False)))
     prefix = str(parameters.get("tf_prefix", ""))
     return robot, frame_prefix(prefix)
 
@@ -55,15 +55,12 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     robot, prefix = named_robot(parameters)
     needed_range = methods.obstacle_range(str(parameters.get("method", "dwa")), robot)
     started_robot = robot.seeing(needed_range)
-    file_parameters = started_robot.parameters(_drives_on_map(parameters))
+    if parameters.get("map", False):  # Raises an error if an included robot has no such files.
+        started_robot = started_robot.on_map()
+    file_parameters = started_robot.parameters()
     if prefix:
         _prefix_frames(file_parameters, prefix)
     return merged(file_parameters, overrides), robot
-
-
-def _drives_on_map(parameters: Dict[str, Any]) -> bool:
-    """Return whether the private parameters select the robot's files for driving on a map."""
-    return bool(parameters.get("map", False))
 
 
 def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:

@@ -237,7 +237,7 @@ class Space:
             settings.setdefault(target.server, {})[target.name] = value
         return Settings(settings, per_cell)
 
-    def read_back(self, settings: Mapping[str, Mapping[str, Any]]) -> Array:
+    def read_back(self, settings: Settings) -> Array:
         """Return the parameters (n,) float64 that are in force in the settings of the servers."""
         server_values = []
         for parameter_name in self.names:

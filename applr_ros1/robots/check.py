@@ -119,7 +119,6 @@ class _Setup(NamedTuple):
     """Parameters of a robot: `tree` from its files, `full` with all defaults."""
 
     robot: Robot
-    with_map: bool
     tree: Dict[str, Any]
     full: Dict[str, Any]
 
@@ -142,19 +141,17 @@ class Remark(NamedTuple):
     correction: Dict[str, Any] = {}
 
 
-def check(robot: Robot, with_map: bool = False) -> List[str]:
-    """Return the errors of a robot, one line per value.
+def check(robot: Robot) -> List[str]:
+    """Return the errors of a robot from `folder.read`, one line per value.
 
-    Args:
-        robot: Robot from `folder.read`.
-        with_map: Whether to check its parameters with a map instead of those without.
+    Of its parameters, those in use are checked (Robot.on_map).
     """
-    tree = robot.parameters(with_map)
+    tree = robot.parameters()
     errors = [*fields(robot), *too_deep(tree), *_planner_section(tree), *parameters.check(tree)]
     # The other checks need values that these ones have accepted.
     if errors:
         return errors
-    setup = _Setup(robot, with_map, tree, parameters.complete(tree))
+    setup = _Setup(robot, tree, parameters.complete(tree))
     errors += crossing_outlines(setup.full)
     for costmap in COSTMAPS:
         errors += _costmap(setup, costmap)
@@ -162,13 +159,13 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     return [*errors, *_space_limits(setup), *space_errors(robot, setup.full)]
 
 
-def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
+def remarks(robot: Robot) -> List[Remark]:
     """Return the values of a robot that degrade driving or have no effect."""
-    tree = robot.parameters(with_map)
+    tree = robot.parameters()
     found_remarks: List[Remark] = []
     with suppress(ParameterError):  # check() returns this error.
         found_remarks += map(Remark, parameters.remarks(tree))
-        setup = _Setup(robot, with_map, tree, parameters.complete(tree))
+        setup = _Setup(robot, tree, parameters.complete(tree))
         found_remarks += _planner_remarks(setup)
         found_remarks += _linked_remarks(setup)
         found_remarks += _range_remarks(setup)
@@ -334,7 +331,7 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
     values = setup.full[costmap]
     yield from _outline_errors(setup, costmap)
     yield from _frame_errors(setup, costmap)
-    if not setup.with_map:
+    if not setup.robot.uses_map:
         yield from _start_errors(costmap, values)
         for layer in layers(costmap, values, STATIC_LAYER):
             yield f"{costmap}/plugins has {layer.name}, but there is no map: remove this layer"
@@ -402,7 +399,7 @@ def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     frame_fields = {}
     if is_global:
         frame_fields["robot_base_frame"] = "base"
-    if not setup.with_map:
+    if not setup.robot.uses_map:
         frame_fields["global_frame"] = "odom"
     elif is_global:
         frame_fields["global_frame"] = "map"

@@ -40,17 +40,21 @@ def load(name_or_folder: str, with_map: bool = False) -> Robot:
 
     Args:
         name_or_folder: Name of an included robot, which is not checked again, or path of a folder.
-        with_map: Whether to check the parameters with a map instead of those without.
+        with_map: Whether the robot is to drive with its parameters for a map (Robot.on_map).
 
     Raises:
         RobotError: The description has errors, with one line each.
         ApplrError: There is no such robot, or one of its files cannot be read.
     """
     robot = read(name_or_folder)
+    is_included = name_or_folder in NAMES
+    # An included robot without files for a map may drive with a move_base that has others.
+    if with_map and not (is_included and robot.move_base.with_map is None):
+        robot = robot.on_map()
     # Tests check the included robots. The check imports the planner, which takes half a second.
-    if name_or_folder in NAMES:
+    if is_included:
         return robot
-    errors = check.check(robot, with_map)
+    errors = check.check(robot)
     if errors:
         raise RobotError(robot.folder, errors)
     return robot

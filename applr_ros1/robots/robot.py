@@ -515,7 +515,11 @@ class MoveBaseSetup(NamedTuple):
 
 @dataclass(frozen=True)
 class Robot:
-    """Robot described by a folder of the same name. Its fields are those of RobotFile."""
+    """Robot described by a folder of the same name.
+
+    Its fields are those of RobotFile, and `uses_map`: whether it drives with its parameters for a
+    map.
+    """
 
     name: str
     folder: str
@@ -529,31 +533,41 @@ class Robot:
     simulation: Simulation
     world_scale: float
     space: Tuple[SpaceParameter, ...]
-    move_base: MoveBaseSetup = field(repr=False, hash=False, compare=False)
+    move_base: MoveBaseSetup = field(repr=False, hash=False)  # Dicts have no hash.
+    uses_map: bool = False
+
+    def on_map(self) -> Robot:
+        """Return the robot with its parameters for driving on a map in use.
+
+        Raise ApplrError if there are none.
+        """
+        if self.move_base.with_map is None:
+            problem = "robot.yaml has no move_base.with_map"
+            raise ApplrError(f"robot {self.name}: {problem}: give its files for a map")
+        return replace(self, uses_map=True)
+
+    @property
+    def _tree_in_use(self) -> Dict[str, Any]:
+        """Nested move_base parameters with which the robot drives."""
+        without_map, with_map = self.move_base
+        if self.uses_map and with_map is not None:
+            return with_map
+        return without_map
 
     @property
     def local_planner(self) -> str:
         """Local planner named by the files, without its package."""
-        return namespace(
-            str(self.move_base.without_map.get("base_local_planner", LOCAL_PLANNERS[0]))
-        )
+        return namespace(str(self._tree_in_use.get("base_local_planner", LOCAL_PLANNERS[0])))
 
     @property
     def goal_tolerance(self) -> float:
         """Distance from a goal [m] within which the planner considers the position reached."""
         return float(branch(self.all_parameters(), self.local_planner)["xy_goal_tolerance"])
 
-    def parameters(self, with_map: bool = False) -> Dict[str, Any]:
-        """Return a copy of the move_base parameters.
-
-        Raise ApplrError if there is no setup with a map.
-        """
+    def parameters(self) -> Dict[str, Any]:
+        """Return a copy of the move_base parameters in use (on_map)."""
         # A copy, because a caller may change it, and robots are shared by all.
-        tree = self.move_base.with_map if with_map else self.move_base.without_map
-        if tree is None:
-            problem = "robot.yaml has no move_base.with_map"
-            raise ApplrError(f"robot {self.name}: {problem}: give its files for a map")
-        return copy.deepcopy(tree)
+        return copy.deepcopy(self._tree_in_use)
 
     def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
         """Return the robot under another name, with parameters that override its files."""
@@ -579,7 +593,7 @@ class Robot:
         return servers(self.all_parameters())
 
     def all_parameters(self) -> Dict[str, Any]:
-        """Return a copy of the parameters without a map, with all defaults filled in."""
+        """Return a copy of the parameters in use, with all defaults filled in."""
         return complete(self.parameters())
 
 

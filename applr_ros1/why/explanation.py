@@ -12,7 +12,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo, transform_point
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.settings import Settings
-from applr_ros1.why.moment import NEAR_M, Moment, Obstacle
+from applr_ros1.why.moment import NEAR_M, CycleMoment, MetObstacle
 from applr_ros1.why.replay import Replay, ReplayedCycle
 from applr_ros1.why.rerun import RerunPlanner
 from applr_ros1.why.stretch import SLOW
@@ -92,7 +92,7 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
     moment = replay.at(cycle)
     explanation = Explanation(cycle.at, cycle.pose)
     crossing = _crossing(moment)
-    obstacle: Optional[Obstacle] = None
+    obstacle: Optional[MetObstacle] = None
     # No place would make a difference to crossed limits.
     if moment.straightest_illegal >= 0 and not crossing:
         obstacle = moment.obstacle_of(moment.straightest_illegal)
@@ -123,13 +123,13 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
     return explanation
 
 
-def _in_words(moment: Moment, row: int) -> str:
+def _in_words(moment: CycleMoment, row: int) -> str:
     """Return the velocity of a sample for people."""
     v, w = moment.samples.velocities[row]
     return f"({v:.2f} m/s, {w:.2f} rad/s)"
 
 
-def _nothing_faster(moment: Moment) -> str:
+def _nothing_faster(moment: CycleMoment) -> str:
     """Return that even the fastest sample is slow, or ""."""
     values = moment.values
     fastest_speed = float(moment.samples.velocities[:, 0].max())
@@ -139,7 +139,7 @@ def _nothing_faster(moment: Moment) -> str:
     return f"no faster way is sampled than {fastest_speed:.2f} m/s ({limits})"
 
 
-def _explain_outbid(explanation: Explanation, moment: Moment, best: int) -> None:
+def _explain_outbid(explanation: Explanation, moment: CycleMoment, best: int) -> None:
     """Add why the cheapest sample that drives on was not chosen."""
     costs = moment.samples.costs
     winner = moment.winner
@@ -171,7 +171,7 @@ def _explain_outbid(explanation: Explanation, moment: Moment, best: int) -> None
 
 
 def _explain_illegal(
-    explanation: Explanation, moment: Moment, crossing: str, obstacle: Optional[Obstacle]
+    explanation: Explanation, moment: CycleMoment, crossing: str, obstacle: Optional[MetObstacle]
 ) -> None:
     """Add what refused the faster samples that are illegal, from the straightest one.
 
@@ -201,7 +201,7 @@ def _explain_illegal(
     )
 
 
-def _refusal(moment: Moment, row: int) -> str:
+def _refusal(moment: CycleMoment, row: int) -> str:
     """Return why a sample is illegal that meets no obstacle."""
     values = moment.values
     v, _ = moment.samples.velocities[row].tolist()
@@ -218,7 +218,7 @@ def _refusal(moment: Moment, row: int) -> str:
     return "leaves the map or the reach of the plan"
 
 
-def _crossing(moment: Moment) -> str:
+def _crossing(moment: CycleMoment) -> str:
     """Return which limits of the planner leave no velocity to drive with, or ""."""
     limits = moment.crossed
     if limits is None:
@@ -235,7 +235,7 @@ def beside(ahead: float, left: float, digits: int = 2) -> str:
     return f"{abs(ahead):.{digits}f} m {front_or_back} and {abs(left):.{digits}f} m to the {side}"
 
 
-def _table(moment: Moment) -> List[List[Any]]:
+def _table(moment: CycleMoment) -> List[List[Any]]:
     """Return names and rows of the command, the cheapest sample that drives on, and others."""
     velocities, costs, parts = moment.samples
     rows = np.column_stack([velocities, costs, *parts.values()]).round(2)

@@ -108,7 +108,7 @@ class LocalMap(NamedTuple):
         return None
 
 
-class Samples(NamedTuple):
+class ComparedSamples(NamedTuple):
     """Velocities that the planner compares in a cycle.
 
     Attributes:
@@ -122,7 +122,7 @@ class Samples(NamedTuple):
     parts: Dict[str, np.ndarray]
 
 
-class Obstacle(NamedTuple):
+class MetObstacle(NamedTuple):
     """Cell of the local costmap that a robot meets.
 
     Attributes:
@@ -139,7 +139,7 @@ class Obstacle(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Moment:
+class CycleMoment:
     """What the planner was given in a cycle, and what it said.
 
     Attributes:
@@ -157,7 +157,7 @@ class Moment:
     planner: str
     lookahead: float
     command: Command
-    samples: Samples
+    samples: ComparedSamples
     trajectory_points: np.ndarray
     map: LocalMap
     scan_points: np.ndarray
@@ -228,7 +228,7 @@ class Moment:
         angle = float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))
         return abs(angle) > BACK
 
-    def obstacle_of(self, row: int) -> Optional[Obstacle]:
+    def obstacle_of(self, row: int) -> Optional[MetObstacle]:
         """Return the lethal cell that the footprint meets first with a sample, or None."""
         v, w = self.samples.velocities[row].tolist()
         drive_times = np.arange(0.0, self.values["sim_time"], STEP_S)
@@ -249,7 +249,7 @@ class Moment:
         ahead, left = transform_point(inverse(self.asked.pose), place_x, place_y)
         scan_distances = distances(self.scan_points, np.array([place_x, place_y]))
         is_in_scan = bool(scan_distances.min(initial=np.inf) < NEAR_M)
-        return Obstacle((place_x, place_y), ahead, left, is_in_scan)
+        return MetObstacle((place_x, place_y), ahead, left, is_in_scan)
 
 
 def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:

@@ -37,7 +37,7 @@ from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import Limits
-from applr_ros1.why.moment import Asked, MapSnapshot, Memory, Moment
+from applr_ros1.why.moment import Asked, CycleMoment, MapSnapshot, Memory
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import Ahead, RerunPlanner
 
@@ -214,7 +214,7 @@ class Replay:
         """Return the points of a scan in the odometry frame, as the local costmap takes them."""
         return self.planner.cloud(self.recording.scan(scan_row))
 
-    def at(self, cycle: ReplayedCycle) -> Moment:
+    def at(self, cycle: ReplayedCycle) -> CycleMoment:
         """Return what the planner saw and said in a cycle, of this replay or with other values."""
         scan_points = self.cloud(cycle.scan).points[:, :2]
         lookahead = PLAN_AHEAD_M * self.robot.world_scale

@@ -18,7 +18,15 @@ from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.planner.plan_cut import half_size
 from applr_ros1.robots import Robot
-from applr_ros1.why.moment import Asked, LocalMap, MapSnapshot, Memory, Moment, Samples, arc
+from applr_ros1.why.moment import (
+    Asked,
+    ComparedSamples,
+    CycleMoment,
+    LocalMap,
+    MapSnapshot,
+    Memory,
+    arc,
+)
 
 
 class CycleResult(NamedTuple):
@@ -166,7 +174,7 @@ class RerunPlanner:
         self._local.planner.remember(asked.pose, *command)
         return self._memory()
 
-    def moment(self, asked: Asked, scan_points: np.ndarray, lookahead: float) -> Moment:
+    def moment(self, asked: Asked, scan_points: np.ndarray, lookahead: float) -> CycleMoment:
         """Return what the planner says in a cycle, with all that it compares.
 
         Args:
@@ -177,12 +185,12 @@ class RerunPlanner:
         command = self._command(asked)
         velocities, costs, cost_parts = self._local.planner.sample_costs(self._costmap, command)
         x, y, _, _, trajectory_costs = self._local.trajectory_cloud(self._costmap).T
-        return Moment(
+        return CycleMoment(
             asked=asked,
             planner=self.name,
             lookahead=lookahead,
             command=command,
-            samples=Samples(velocities, costs, cost_parts),
+            samples=ComparedSamples(velocities, costs, cost_parts),
             trajectory_points=np.column_stack([x, y, trajectory_costs]),
             map=self._map(),
             scan_points=scan_points,

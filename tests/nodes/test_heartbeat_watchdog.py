@@ -1,6 +1,6 @@
 """Tests of the watchdog alone. tests/faults/test_processes.py tests it in a running stack."""
 
-from applr_ros1.nodes.move_base.heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
+from applr_ros1.nodes.move_base.heartbeat_watchdog import HeartbeatWatchdog, start_up_settings
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.robots import JACKAL_PARAMETERS
@@ -22,5 +22,5 @@ def test_a_lost_heartbeat_is_reported_once():
 
 def test_what_is_set_then_are_the_values_of_the_start():
     move_base = MoveBase(JACKAL_PARAMETERS)
-    requests = start_up_requests(move_base, SPACE)
+    requests = start_up_settings(move_base, SPACE)
     assert requests == SPACE.settings(SPACE.theta0)

@@ -7,6 +7,7 @@ import pytest
 
 import sim_bridge
 import worlds
+from applr_ros1.common.trees import merged
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
@@ -14,6 +15,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import load
 from applr_ros1.robots.learned import default_space
+from applr_ros1.robots.robot import MoveBaseSetup
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from tests.support.servers import running_servers
@@ -144,6 +146,23 @@ def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limi
     # What is in force, applied again, changes nothing.
     assert applied(client, client.theta())
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
+
+
+def test_theta_0_is_that_of_the_files_in_use():
+    described = load("turtlebot3_burger")
+    without_map, with_map = described.move_base
+    slower = {PLANNER: {"max_vel_x": 0.15, "max_vel_trans": 0.15}}
+    slower_on_map = replace(
+        described, move_base=MoveBaseSetup(without_map, merged(with_map, slower))
+    )
+    for robot, speed in ((slower_on_map, 0.22), (slower_on_map.on_map(), 0.15), (described, 0.22)):
+        space = space_of(robot)
+        assert space.theta0[space.names.index("max_vel_x")] == speed
+        assert space.settings(space.theta0)[PLANNER]["max_vel_x"] == speed
+    # Other parameters under the same name are another robot.
+    slower_everywhere = described.with_parameters(slower, described.name)
+    assert slower_everywhere != described
+    assert space_of(slower_everywhere).defaults[PLANNER]["max_vel_x"] == 0.15
 
 
 def test_two_paddings_are_one_parameter_that_keeps_both():

@@ -343,15 +343,15 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
     # The parameters with a map, and without one
     robot = robots.load(str(folder))
     assert robot.parameters()["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(np.pi / 2)
-    for with_map, layer_names, sources in (
-        (True, ["map", "seen", "margin"], "bumper scan"),
-        (False, ["seen", "margin"], "scan"),
+    for setup, layer_names, sources in (
+        (robot.on_map(), ["map", "seen", "margin"], "bumper scan"),
+        (robot, ["seen", "margin"], "scan"),
     ):
-        parameters = robot.parameters(with_map)
+        parameters = setup.parameters()
         plugins = parameters["global_costmap"]["plugins"]
         assert [layer["name"] for layer in plugins] == layer_names
         assert parameters["local_costmap"]["seen"]["observation_sources"] == sources
-        assert parameters["NavfnROS"]["allow_unknown"] is not with_map
+        assert parameters["NavfnROS"]["allow_unknown"] is not setup.uses_map
     # Without a map, the global costmap is a square around the start.
     global_costmap = robot.parameters()["global_costmap"]
     assert global_costmap["global_frame"] == "odom_comb"

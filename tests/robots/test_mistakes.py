@@ -463,12 +463,12 @@ def test_a_dead_band_names_the_parameters_that_are_too_small(robot, dead_band, l
 def test_included_robots_have_no_errors_and_no_remarks(name):
     robot = load(name)
     # Some robots also come with the files for a drive on a map.
-    map_choices = [False]
+    setups = [robot]
     if robot.move_base.with_map is not None:
-        map_choices.append(True)
-    for with_map in map_choices:
-        assert check(robot, with_map) == []
-        assert remarks(robot, with_map) == []
+        setups.append(robot.on_map())
+    for setup in setups:
+        assert check(setup) == []
+        assert remarks(setup) == []
 
 
 def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameters(tmp_path, capsys):

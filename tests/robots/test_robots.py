@@ -25,7 +25,7 @@ def test_shipped_robot_is_whole(name):
     for costmap in ("local_costmap", "global_costmap"):
         assert robot.parameters()[costmap]["global_frame"] == "odom"
     if name != "jackal":
-        assert robot.parameters(with_map=True)["global_costmap"]["global_frame"] == "map"
+        assert robot.on_map().parameters()["global_costmap"]["global_frame"] == "map"
 
 
 def test_jackal_has_the_files_of_the_authors():
@@ -34,7 +34,7 @@ def test_jackal_has_the_files_of_the_authors():
     parameters["TrajectoryPlannerROS"].pop("y_vels", None)
     assert merged(JACKAL_PARAMETERS, parameters) == JACKAL_PARAMETERS
     with pytest.raises(ApplrError, match="no move_base.with_map"):
-        jackal.parameters(with_map=True)
+        jackal.on_map()
 
 
 def with_files(folder, **files):

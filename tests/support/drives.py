@@ -10,7 +10,20 @@ from typing import Any, Dict, Sequence, Tuple
 import numpy as np
 
 import worlds
-from applr_ros1.drives.drive import Commands, Decision, Drive, Motion, Rows
+from applr_ros1.drives.columns import ACTIVE, PREEMPTED, Sender
+from applr_ros1.drives.drive import (
+    Changes,
+    Commands,
+    Decision,
+    Drive,
+    Goal,
+    Motion,
+    Plans,
+    Rows,
+    Scans,
+    SentGoal,
+    Transforms,
+)
 from applr_ros1.drives.judge import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive
@@ -23,7 +36,6 @@ from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.bags.topics import PREEMPTED
 from training.bags.write import BagWriter
 
 # Inputs of a decision that no test reads.
@@ -112,6 +124,89 @@ class Clearing:
         return Choice(np.zeros(0), round(seen.time) in self._times, METHOD, per_cell=True)
 
 
+def whole_drive(robot):
+    """Return a drive of three seconds with all columns that a bag has."""
+    # Motion and scans in three rows. A beam returns nothing, and a plan is empty.
+    times = np.array([0.0, 1.0, 2.5])
+    poses = np.array(
+        [
+            [0.0, 0.0, 0.1],
+            [1.0, -0.5, 0.4],
+            [2.0, 0.5, -3.0],
+        ]
+    )
+    twists = np.array([[0.0, 0.5], [1.0, -0.5], [0.25, 0.0]])
+    fan = np.tile([-0.5, 0.5, 0.1, 30.0], (3, 1))
+    ranges = np.array(
+        [
+            [1.0, 2.0, 3.0],
+            [0.5, 2.0, np.inf],
+            [3.0, 0.7, 2.0],
+        ],
+        np.float32,
+    )
+    plans = [poses, np.zeros((0, 3))]
+    places = np.array([[1.0, 2.0, 0.0, 0.0, 0.0, 0.6, 0.8], [0.1, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]])
+
+    # A person's changes: a number, a switch and a text
+    changed_values = [
+        {
+            "max_vel_x": 0.75,
+            "prune_plan": True,
+            "base_frame_id": "base_link",
+        },
+        {"width": 6.0},
+    ]
+
+    # A decision in the second row
+    seen = Seen(
+        scan=(ranges[1], -0.5, 0.5),
+        time=1.0,
+        pose=(1.0, -0.5, 0.4),
+        twist=(1.0, -0.5),
+        goal=(5.0, 1.0, 0.2),
+        plan=poses[:, :2],
+        movers=np.array([[1.0, 2.0, -0.5, 0.25], [3.0, 4.0, 0.0, 1.0]]),
+    )
+    values = {"DWAPlannerROS/max_vel_x": 0.5, "inflation_radius": 0.25}
+    decided_values = {**values, "inflation_radius": 0.5}
+
+    return Drive(
+        frame="map",
+        planners=[robot.local_planner],
+        odometry=Motion(times, times, poses, twists),
+        scans=Scans(times, times, fan, list(ranges)),
+        transforms=Transforms(
+            times[:2],
+            times[:2],
+            ["map", "base_link"],
+            ["base_link", "laser"],
+            places,
+            [False, True],
+        ),
+        plans=Plans(times[:2], plans),
+        planned=Commands(times, twists),
+        commands=Commands(times[1:], 0.5 * twists[1:]),
+        changes=Changes(times[:2], ["DWAPlannerROS", "local_costmap"], changed_values),
+        decisions=[
+            Decision("first", 1.0, 1.0, values, decided_values, seen),
+            Decision("first", 1.2, 1.2, decided_values, values, seen, cleared=True),
+        ],
+        ends=[Decision("first", 1.5, 1.5, values, {}, seen)],
+        sent=[
+            SentGoal(0.0, (5.0, 1.0, 0.2), "odom"),
+            SentGoal(2.0, (1.0, 1.0, 0.0), "map"),
+        ],
+        goals=[
+            Goal("first", 0.0, 1.5, "reached"),
+            Goal("second", 2.0, 2.5, "aborted"),
+        ],
+        contacts=np.array([0.5, 2.25]),
+        recoveries=np.array([0.75]),
+        source={"driver": "a person", "course": 3},
+    )
+
+
 def until(drive: Drive, seconds: float) -> Drive:
     """Return the beginning of a drive."""
     shortened_rows = {}
@@ -137,35 +232,37 @@ class Messages(BagWriter):
     record.
     """
 
+    def message(self, column, time, part="", **values):
+        """Write a message of a topic of COLUMNS."""
+        sender = Sender(self.robot, self.robot.frames.odom)
+        self.put(column, {"time": time, **values}, sender, part)
+
     def goal(self, time, pose, frame=""):
-        self.put("sent", time, pose, frame or self.robot.frames.odom)
+        self.message("sent", time, pose=pose, frame=frame or self.robot.frames.odom)
 
     def scan(self, time, ranges):
         laser = self.robot.laser
         fan = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        self.put("scans", time, laser.frame, fan, ranges)
+        self.message("scans", time, stamp=time, fan=fan, ranges=ranges)
 
     def odometry(self, time, pose, twist):
-        self.put("odometry", time, self.robot.frames.odom, self.robot.frames.base, pose, twist)
+        self.message("odometry", time, stamp=time, pose=pose, twist=twist)
 
     def status(self, time, goal, running=True, ended=0):
         """Write a goal that is active, or has ended with the status code `ended`; without both, no
         goal.
         """
-        if running:
-            self.put("status", time, goal)
-        else:
-            self.put("status", time, goal, ended or PREEMPTED)
+        code = ACTIVE if running else ended or PREEMPTED
+        self.message("goals", time, id=goal, code=code)
 
     def result(self, time, goal, code):
-        self.put("results", time, goal, code)
+        self.message("results", time, id=goal, code=code)
 
     def contact(self, time):
-        self.put("contacts", time, True)
+        self.message("contacts", time)
 
     def decision(self, time, number, goal, seen, before, after=None):
         """Write a decision; without `after`, the end of a course."""
         decision = Decision(goal, time, time, before, after or {}, seen)
-        channel = "ends" if after is None else "decisions"
-        frame = self.robot.frames.odom
-        self.put(channel, time, frame, number, decision, self.robot.world_scale)
+        sender = Sender(self.robot, self.robot.frames.odom, number=number)
+        self.put("ends" if after is None else "decisions", decision._asdict(), sender)

@@ -616,8 +616,8 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
 def test_a_parameter_set_changes_both_setups():
     changes = {"DWAPlannerROS": {"sim_time": 2.7}}
     waffle = WAFFLE.with_parameters(changes, "other")
-    for with_map in (False, True):
-        assert waffle.parameters(with_map)["DWAPlannerROS"]["sim_time"] == 2.7
+    for setup in (waffle, waffle.on_map()):
+        assert setup.parameters()["DWAPlannerROS"]["sim_time"] == 2.7
 
 
 # -- doors

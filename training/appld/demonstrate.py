@@ -18,6 +18,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives import simulate
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import REACHED, Drive
 from applr_ros1.drives.judge import Rules
 from applr_ros1.monitor.motion import Twist
@@ -32,7 +33,6 @@ from worlds import World
 
 with extra(__name__):
     from training.appld.scripted_driver import NAME, Demonstrator
-    from training.bags.topics import TopicNames
     from training.bags.write import BagWriter
 
 # The demonstrator knows its true place, and gives up after some time.

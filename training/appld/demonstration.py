@@ -13,14 +13,14 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.drives.clocks import scans_apart
+from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.bags.read import BagError, read, refused
-from training.bags.topics import TopicNames, topic_of
 
-CHANNELS = ("scans", "odometry", "commands", "sent", "source")  # channels of a demonstration
+COLUMNS = ("scans", "odometry", "commands", "sent", "source")  # columns of a demonstration
 DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]
 HELD_S = 0.5  # duration for which a command remains valid [s]
 NEAR_S = 0.1  # largest time between an instant and its odometry [s]
@@ -68,7 +68,7 @@ def read_demonstration(
         BagError: The bag cannot be read, lacks a topic or has too little driving.
     """
     with refused(path):
-        drive = read(path, robot, topics, CHANNELS)
+        drive = read(path, robot, topics, COLUMNS)
         for column in ("scans", "odometry", "commands"):
             rows = getattr(drive, column)
             if rows is None or len(rows) < 2:

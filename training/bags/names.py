@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from typing import Collection, List, Mapping
 
 from applr_ros1.common.errors import ApplrError
-from training.bags.topics import CHANNELS, TopicNames, topic_of
+from applr_ros1.drives.columns import COLUMNS, TopicNames, topic_of
 
 # Global planners of ROS's navigation, whose plans show where move_base is.
 GLOBAL_PLANNERS = ("NavfnROS", "GlobalPlanner")
@@ -55,7 +55,7 @@ def _names_of_move_base(types: Mapping[str, str]) -> List[str]:
     planned = set()
     for topic, message_type in types.items():
         # A plan's topic is MOVE_BASE/PLANNER/NAME.
-        if not CHANNELS["plans"].accepts(message_type) or topic.count("/") < 3:
+        if not COLUMNS["plans"].accepts(message_type) or topic.count("/") < 3:
             continue
         node_name, planner, plan_name = topic.rsplit("/", 2)
         if plan_name == "global_plan":
@@ -66,18 +66,18 @@ def _names_of_move_base(types: Mapping[str, str]) -> List[str]:
     return sorted(followed or planned)
 
 
-def missing(channel: str, names: TopicNames, types: Mapping[str, str]) -> str:
-    """Return what is said of a channel without messages.
+def missing(column: str, names: TopicNames, types: Mapping[str, str]) -> str:
+    """Return what is said of a column without messages.
 
-    It names the channel's topic and option, and the bag's topics of its type.
+    It names the column's topic and option, and the bag's topics of its type.
     """
-    topic = topic_of(channel, names)
-    option = CHANNELS[channel].topic.strip("{}")
-    messages = CHANNELS[channel].type.rpartition("/")[2]
+    topic = topic_of(column, names)
+    option = COLUMNS[column].topic.strip("{}")
+    messages = COLUMNS[column].type.rpartition("/")[2]
     # Odometry has no plural.
     if not messages.endswith("y"):
         messages += "s"
-    others = _topics_of(channel, types)
+    others = _topics_of(column, types)
     if topic in types and topic not in others:
         return f"{topic} has messages of {types[topic]}, not {messages}: give --{option}"
     if not others:
@@ -96,10 +96,10 @@ def missing_plans(planner: str, names: TopicNames, types: Mapping[str, str]) -> 
     return message
 
 
-def _topics_of(channel: str, types: Mapping[str, str]) -> List[str]:
-    """Return the bag's topics whose type a channel takes."""
+def _topics_of(column: str, types: Mapping[str, str]) -> List[str]:
+    """Return the bag's topics whose type a column takes."""
     topics = []
     for topic, message_type in types.items():
-        if CHANNELS[channel].accepts(message_type):
+        if COLUMNS[column].accepts(message_type):
             topics.append(topic)
     return sorted(topics)

@@ -6,11 +6,11 @@ control cycle, which made reading the slowest part of a replay: 10 of 12 s for a
 
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import Optional
 
 import numpy as np
 
-from training.bags import SECOND
+from applr_ros1.drives.columns import SECOND, Row, Stamp, path_row
 
 # MD5 sum of the definition of nav_msgs/Path, by which a bag tells that it has no other definition.
 DIGEST = "6227e2b7e9cce15051f669a5e197bbf7"
@@ -18,8 +18,8 @@ HEAD_BYTES = 16  # sequence number, stamp (two numbers), and length of the frame
 COUNT_BYTES = 4  # number of an array's entries, or of a text's characters
 
 
-def path_of(raw: bytes) -> Optional[Tuple[int, str, np.ndarray]]:
-    """Return stamp [ns], frame and poses (n, 3) x, y [m], yaw [rad] of a serialised path.
+def path_of(raw: bytes) -> Optional[Row]:
+    """Return the row of a serialised path, with its poses (n, 3) x, y [m], yaw [rad].
 
     None if its poses are not equally long, or if it is damaged.
     """
@@ -32,21 +32,21 @@ def path_of(raw: bytes) -> Optional[Tuple[int, str, np.ndarray]]:
     body_begin = frame_end + COUNT_BYTES
     if len(serialised) < body_begin:
         return None
-    stamp = seconds * SECOND + nanoseconds
+    stamp = Stamp(seconds * SECOND + nanoseconds)
     frame_name = serialised[HEAD_BYTES:frame_end].decode(errors="replace")
     frame = frame_name.lstrip("/")
 
     # Array of poses with their number in front
     pose_count = int.from_bytes(serialised[frame_end:body_begin], "little")
     if pose_count == 0:
-        return stamp, frame, np.zeros((0, 3))
+        return path_row(stamp, frame, np.zeros((0, 3)))
     pose_bytes = serialised[body_begin:]
     if len(pose_bytes) % pose_count or len(pose_bytes) < pose_count * HEAD_BYTES:
         return None
     poses = _poses(pose_bytes, pose_count)
     if poses is None:
         return None
-    return stamp, frame, poses
+    return path_row(stamp, frame, poses)
 
 
 def _poses(body: bytes, count: int) -> Optional[np.ndarray]:

@@ -10,7 +10,7 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
-from training.bags import SECOND
+from applr_ros1.drives.columns import SECOND
 
 # Usual difference between stamp and recording time up to which both clocks are one [s]
 AGREE_S = 0.5

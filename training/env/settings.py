@@ -117,18 +117,18 @@ class TrialSettings(DriveSettings):
         Their distance biases are per costmap cell. Both planners are the same if robot.yaml has no
         setup with a map, or one with sensors that are not simulated.
         """
-        exploring_planner = self._planner(robot, with_map=False)
+        exploring_planner = self._planner(robot)
         if robot.move_base.with_map is None:
             return exploring_planner, exploring_planner
-        knowing_planner = self._planner(robot, with_map=True)
+        knowing_planner = self._planner(robot.on_map())
         # The simulator has the sensors of the setup without a map.
         is_simulated = knowing_planner.sources == exploring_planner.sources
         if not is_simulated:
             return exploring_planner, exploring_planner
         return exploring_planner, knowing_planner
 
-    def _planner(self, robot: Robot, with_map: bool) -> MoveBase:
-        """Return the planner of one setup of a robot."""
-        parameters = counting_cells(robot.parameters(with_map))
+    def _planner(self, robot: Robot) -> MoveBase:
+        """Return the planner with the parameters that a robot uses."""
+        parameters = counting_cells(robot.parameters())
         parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
         return MoveBase(parameters, planner=self.planner)

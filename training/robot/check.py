@@ -82,12 +82,12 @@ def check(name_or_folder: str, path: str = "") -> int:
     except RobotError as refused:
         errors += refused.lines
     else:
-        setups = [False]
+        setups = [described]
         if described.move_base.with_map is not None:
-            setups.append(True)
-        for with_map in setups:
-            errors += rules.check(described, with_map)
-            for remark in rules.remarks(described, with_map):
+            setups.append(described.on_map())
+        for setup in setups:
+            errors += rules.check(setup)
+            for remark in rules.remarks(setup):
                 remarks.append(f"remark: {remark.line}")
 
     # Most lines of a setup with a map are those without one.

@@ -14,6 +14,7 @@ from typing import Any, Dict, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import ENCODINGS
 from training.common.command_line import parsed
@@ -26,8 +27,8 @@ from training.train.replay import dataset
 
 with extra(__name__):
     from training.bags.read import BagError, bags_in, read, refused
-    from training.bags.topics import BagOptions, TopicNames
-    from training.train.transitions import CHANNELS, decision_period, transitions
+    from training.bags.topics import BagOptions
+    from training.train.transitions import COLUMNS, decision_period, transitions
 
 
 class DatasetOptions(BagOptions):
@@ -92,7 +93,7 @@ def run(options: DatasetOptions) -> None:
         period = 0.0
         try:
             with refused(bag):
-                recorded = read(bag, robot, topics, CHANNELS)
+                recorded = read(bag, robot, topics, COLUMNS)
                 episodes, skipped = transitions(
                     recorded, robot, learnt.observation, reward, options.finish, topics
                 )

@@ -17,6 +17,7 @@ from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.clocks import scans_apart
+from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Measured, Motion, Scans
 from applr_ros1.drives.judge import TIME_LIMIT
 from applr_ros1.drives.outcome import Leg, Outcome, outcome_of
@@ -26,12 +27,11 @@ from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.bags.read import BagError
-from training.bags.topics import TopicNames, topic_of
 from training.env.reward import Reward, failed
 from training.env.trajectory import Trajectory, TransitionLayout
 
-# Channels of a recorded drive that transitions need
-CHANNELS = ("scans", "odometry", "status", "results", "decisions", "ends", "contacts")
+# Columns of a recorded drive that transitions need
+COLUMNS = ("scans", "odometry", "goals", "decisions", "ends", "contacts")
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
 # Movement between two poses that counts as a jump, in addition to that at FASTEST_M_S [m]
@@ -113,7 +113,7 @@ def transitions(
     """Return a Trajectory for each usable part of the drive to each goal.
 
     Args:
-        drive: Recorded drive with CHANNELS.
+        drive: Recorded drive with COLUMNS.
         robot: Robot that drove.
         observation: Name of the encoding of the transitions.
         reward: Reward of a transition.
@@ -155,9 +155,9 @@ def _recorded(drive: Drive, encoding: Encoding, topics: TopicNames) -> Recorded:
         raise BagError(
             f"no decisions on {topic}: record a drive of the applr node with record:=FILE"
         )
-    for column, channel in (("scans", "scans"), ("odometry", "odometry"), ("goals", "status")):
+    for column in ("scans", "odometry", "goals"):
         if not getattr(drive, column):
-            raise BagError(f"no {column} on {topic_of(channel, topics)}")
+            raise BagError(f"no {column} on {topic_of(column, topics)}")
     decisions = _observed(drive.decisions)
     ends = _observed(drive.ends)
     odometry, scans = drive.require(Measured)

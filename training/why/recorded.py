@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Mapping
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.robots import Robot
@@ -15,14 +16,13 @@ from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.read import read, refused, topics_in
-from training.bags.topics import BagOptions, TopicNames
+from training.bags.topics import BagOptions
 from training.common.options import option
 
 CHANNELS = (
     "scans",
     "odometry",
     "transforms",
-    "static_transforms",
     "commands",
     "planned",
     "changes",
@@ -30,8 +30,7 @@ CHANNELS = (
     "routes",
     "recoveries",
     "decisions",
-    "status",
-    "results",
+    "goals",
     "sent",
 )
 

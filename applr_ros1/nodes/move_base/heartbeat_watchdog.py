@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import Space
 
 # Number of periods without a heartbeat after which the applr node counts as dead
@@ -42,8 +43,8 @@ class HeartbeatWatchdog:
         return True
 
 
-def start_up_requests(move_base: MoveBase, space: Space) -> Dict[str, Dict[str, Any]]:
-    """Return the requests that restore a space's parameters to the planner's start-up values.
+def start_up_settings(move_base: MoveBase, space: Space) -> Settings:
+    """Return the settings that restore a space's parameters to the planner's start-up values.
 
     These may exceed the robot's max_speed, which then limits the commands as it does from the start
     on (MoveBaseNode).
@@ -51,14 +52,11 @@ def start_up_requests(move_base: MoveBase, space: Space) -> Dict[str, Dict[str, 
     Args:
         move_base: The MoveBase.
         space: Space of the parameters.
-
-    Returns:
-        {server: {name: value}}
     """
-    requests: Dict[str, Dict[str, Any]] = {}
-    for server, names in space.settings(space.theta0).items():
-        if server not in move_base.servers:
-            continue  # The policy may also learn parameters of a planner that is not in use.
-        start_values = move_base.start_up[server]
-        requests[server] = {name: start_values[name] for name in names}
-    return requests
+    start_values: Dict[str, Dict[str, Any]] = {}
+    for _, target in space.addresses:
+        # The policy may also learn parameters of a planner that is not in use.
+        if target.server in move_base.start_up:
+            value = move_base.start_up[target.server][target.name]
+            start_values.setdefault(target.server, {})[target.name] = value
+    return Settings(start_values)

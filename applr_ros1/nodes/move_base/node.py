@@ -53,7 +53,7 @@ from applr_ros1.robots import Robot
 from .control_loop import ControlLoop
 from .displays import CostmapDisplay, PlanDisplay
 from .goal_server import GoalServer
-from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
+from .heartbeat_watchdog import HeartbeatWatchdog, start_up_settings
 from .reconfigure_server import ReconfigureServer
 
 WENT_BACK = "Aborting because the clock jumped back."
@@ -285,7 +285,7 @@ class MoveBaseNode:
 
     def _restore_start_up(self) -> None:
         """Restore the start-up values of the parameters that a dead applr node has set."""
-        for server, values in start_up_requests(self.move_base, self._space).items():
+        for server, values in start_up_settings(self.move_base, self._space).items():
             self.servers[server].update_configuration(values)
         problem = f"no heartbeat of the applr node for {self.watchdog.patience:g} s"
         rospy.logwarn("%s: planner parameters are reverted to their start-up values", problem)

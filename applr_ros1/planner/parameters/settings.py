@@ -90,7 +90,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         self.per_cell = per_cell
         self._values = {}
         for server, server_values in values.items():
-            self._values[server] = MappingProxyType(dict(server_values))
+            # The values of other settings never change: these settings share them.
+            if not isinstance(server_values, MappingProxyType):
+                server_values = MappingProxyType(dict(server_values))
+            self._values[server] = server_values
 
     def __getitem__(self, server: str) -> Mapping[str, Any]:
         return self._values[server]

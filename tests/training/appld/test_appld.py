@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader
 
 import worlds
 from applr_ros1.common.paths import step_lengths
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE
@@ -24,7 +25,6 @@ from training.appld import fit as appld_fit
 from training.appld import scripted_driver as demonstrator
 from training.appld import segmentation as contexts
 from training.appld.demonstrate import main as demonstrate
-from training.bags.topics import TopicNames
 from worlds.world import clearance
 
 

@@ -19,17 +19,22 @@ from rosbags.rosbag1 import Writer
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.drive import (
-    Changes,
-    Commands,
-    Decision,
-    Goal,
-    Motion,
-    Plans,
-    Scans,
-    SentGoal,
+from applr_ros1.drives.columns import (
+    ACTIVE,
+    COLUMNS,
+    GAVE_UP,
+    PREEMPTED,
+    PREEMPTING,
+    REJECTED,
+    SECOND,
+    SUCCEEDED,
+    Sender,
 )
 from applr_ros1.drives.drive import Drive as Recorded
+from applr_ros1.drives.drive import (
+    Goal,
+    Motion,
+)
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import DIMENSIONLESS
@@ -39,22 +44,12 @@ from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from applr_ros1.robots import JACKAL
 from applr_ros1.stack.simulated import SimulatedRobot
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from tests.support.drives import Messages, decided
+from tests.support.drives import Messages, decided, whole_drive
 from training.appld import __main__ as appld
 from training.appld import demonstrate
 from training.appld.scripted_driver import Demonstrator
-from training.bags import SECOND
+from training.bags.maker import Maker
 from training.bags.read import bags_in, read
-from training.bags.topics import (
-    ACTIVE,
-    CHANNELS,
-    GAVE_UP,
-    PREEMPTED,
-    PREEMPTING,
-    REJECTED,
-    SUCCEEDED,
-    Maker,
-)
 from training.bags.write import BagWriter, write
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
@@ -213,80 +208,6 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
 
 
-def whole_drive(robot):
-    """Return a drive of three seconds with all columns that a bag has."""
-    # Motion and scans in three rows. A beam returns nothing, and a plan is empty.
-    times = np.array([0.0, 1.0, 2.5])
-    poses = np.array(
-        [
-            [0.0, 0.0, 0.1],
-            [1.0, -0.5, 0.4],
-            [2.0, 0.5, -3.0],
-        ]
-    )
-    twists = np.array([[0.0, 0.5], [1.0, -0.5], [0.25, 0.0]])
-    fan = np.tile([-0.5, 0.5, 0.1, 30.0], (3, 1))
-    ranges = np.array(
-        [
-            [1.0, 2.0, 3.0],
-            [0.5, 2.0, np.inf],
-            [3.0, 0.7, 2.0],
-        ],
-        np.float32,
-    )
-    plans = [poses, np.zeros((0, 3))]
-
-    # A person's changes: a number, a switch and a text
-    changed_values = [
-        {
-            "max_vel_x": 0.75,
-            "prune_plan": True,
-            "base_frame_id": "base_link",
-        },
-        {"width": 6.0},
-    ]
-
-    # A decision in the second row
-    seen = Seen(
-        scan=(ranges[1], -0.5, 0.5),
-        time=1.0,
-        pose=(1.0, -0.5, 0.4),
-        twist=(1.0, -0.5),
-        goal=(5.0, 1.0, 0.2),
-        plan=poses[:, :2],
-        movers=np.array([[1.0, 2.0, -0.5, 0.25], [3.0, 4.0, 0.0, 1.0]]),
-    )
-    values = {"DWAPlannerROS/max_vel_x": 0.5, "inflation_radius": 0.25}
-    decided_values = {**values, "inflation_radius": 0.5}
-
-    return Recorded(
-        frame="map",
-        planners=[robot.local_planner],
-        odometry=Motion(times, times, poses, twists),
-        scans=Scans(times, times, fan, list(ranges)),
-        plans=Plans(times[:2], plans),
-        planned=Commands(times, twists),
-        commands=Commands(times[1:], 0.5 * twists[1:]),
-        changes=Changes(times[:2], ["DWAPlannerROS", "local_costmap"], changed_values),
-        decisions=[
-            Decision("first", 1.0, 1.0, values, decided_values, seen),
-            Decision("first", 1.2, 1.2, decided_values, values, seen, cleared=True),
-        ],
-        ends=[Decision("first", 1.5, 1.5, values, {}, seen)],
-        sent=[
-            SentGoal(0.0, (5.0, 1.0, 0.2), "odom"),
-            SentGoal(2.0, (1.0, 1.0, 0.0), "map"),
-        ],
-        goals=[
-            Goal("first", 0.0, 1.5, "reached"),
-            Goal("second", 2.0, 2.5, "aborted"),
-        ],
-        contacts=np.array([0.5, 2.25]),
-        recoveries=np.array([0.75]),
-        source={"driver": "a person", "course": 3},
-    )
-
-
 def assert_same_columns(read_back, written, columns):
     """Compare columns of two drives. Headings pass through quaternions, and become rounded."""
     for rows_name in columns:
@@ -316,6 +237,13 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(bag_path):
     np.testing.assert_allclose(read_back.contacts, drive.contacts)
     np.testing.assert_allclose(read_back.recoveries, drive.recoveries)
 
+    # Transforms
+    assert read_back.transforms.parent == drive.transforms.parent
+    assert read_back.transforms.child == drive.transforms.child
+    assert read_back.transforms.is_static == drive.transforms.is_static
+    np.testing.assert_allclose(read_back.transforms.place, drive.transforms.place)
+    np.testing.assert_allclose(read_back.transforms.stamp, drive.transforms.stamp)
+
     # Changes of parameters
     changes = read_back.changes
     assert changes.server == drive.changes.server
@@ -342,11 +270,13 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(bag_path):
 
 def test_decisions_of_older_bags_do_not_tell_whether_costmaps_were_cleared():
     decision = decided({"max_vel_x": 0.5})._replace(cleared=True)
-    channel = CHANNELS["decisions"]
-    message = channel.pack(Maker(), 1.0, "odom", 1, decision, 1.0)
-    assert channel.unpack(message)[-1] is True
+    column = COLUMNS["decisions"]
+    fields = column.pack(decision._asdict(), Sender(JACKAL, "odom"))
+    message = Maker().make(column.type, fields)
+    assert [row["cleared"] for row in column.unpack(message)] == [True]
     older_fields = {name: value for name, value in vars(message).items() if name != "cleared"}
-    assert channel.unpack(SimpleNamespace(**older_fields))[-1] is False
+    older_message = SimpleNamespace(**older_fields)
+    assert [row["cleared"] for row in column.unpack(older_message)] == [False]
 
 
 def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(bag_path):

@@ -5,8 +5,8 @@ import pytest
 from rosbags.rosbag1 import Reader, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from applr_ros1.drives.columns import SECOND
 from tests.support.drives import Messages
-from training.bags import SECOND
 from training.bags.read import read
 from training.bags.robot_time import RobotTime
 
@@ -113,8 +113,10 @@ def bag(bag_path):
         for step in range(201):
             time = 10.0 + 0.05 * step
             messages.odometry(time, (0.3 * (time - 10.0), 0.0, 0.0), (0.3, 0.0))
-            messages.put("commands", time + 0.01, (0.3, 0.0))
-            messages.put("changes", time + 0.02, {"sim_time": time}, part="TrajectoryPlannerROS")
+            messages.message("commands", time + 0.01, twist=(0.3, 0.0))
+            messages.message(
+                "changes", time + 0.02, "TrajectoryPlannerROS", values={"sim_time": time}
+            )
             if step % 4 == 0:
                 messages.scan(time, np.ones(720, np.float32))
         messages.status(20.0, "", running=False)

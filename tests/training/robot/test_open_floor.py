@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, load
 from applr_ros1.robots.check import Remark
@@ -280,3 +281,12 @@ def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):
     assert not is_driving
     assert error.endswith(open_floor.NO_REMEDY)
     assert "a fault" not in error
+
+
+def test_a_change_of_linked_values_knows_what_each_of_them_was():
+    slower = Change("DWAPlannerROS", "max_vel_trans", 0.22, 0.15)
+    robot = with_changes(BURGER, [slower], "burger of two speeds")
+    speeds = ["max_vel_x", "max_vel_trans"]
+    of_speed = [change for change in single_candidates(robot) if change.names == speeds]
+    assert [change.before for change in of_speed[0].changes] == [0.22, 0.15]
+    assert [change.after for change in of_speed[0].changes] == [0.11, 0.11]

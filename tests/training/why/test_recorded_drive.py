@@ -9,6 +9,7 @@ import pytest
 
 from applr_ros1.common.angles import compose, inverse, quaternion_of
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.columns import COLUMNS, Sender, TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
 from applr_ros1.drives.frames import Tree
 from applr_ros1.robots import JACKAL
@@ -17,9 +18,9 @@ from applr_ros1.why.fitting import followed_plans, plans_of
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
+from training.bags.maker import Maker
 from training.bags.paths import path_of
 from training.bags.read import BagError, read
-from training.bags.topics import CHANNELS, Maker, TopicNames
 from training.bags.write import BagWriter, write
 from training.why.recorded import RecordedOptions, recording_of
 
@@ -228,18 +229,25 @@ def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatc
         assert np.allclose(our_plan, rosbags_plan, rtol=0.0, atol=1e-15)
 
 
+def put_plan(writer, time, frame, path):
+    """Write a plan that a local planner followed."""
+    values = {"time": time, "path": path}
+    writer.put("plans", values, Sender(JACKAL, frame), "TrajectoryPlannerROS")
+
+
 def serialised(frames, turns):
     """Return a path with poses of some frames and quaternions (n, 4): its message, and as bytes."""
     maker = Maker()
     poses = []
     for frame, turn in zip(frames, turns, strict=True):
-        level_pose = maker.stamped_pose(2.0, frame, (1.0, 2.0, 0.0))
-        quaternion = maker.make("geometry_msgs/msg/Quaternion", *turn)
-        pose = maker.make("geometry_msgs/msg/Pose", level_pose.pose.position, quaternion)
-        poses.append(maker.make("geometry_msgs/msg/PoseStamped", level_pose.header, pose))
+        pose = {
+            "position": {"x": 1.0, "y": 2.0},
+            "orientation": dict(zip("xyzw", turn, strict=True)),
+        }
+        poses.append({"header": {"stamp": 2.0, "frame_id": frame}, "pose": pose})
     message_type = "nav_msgs/msg/Path"
-    header = maker.header(2.0, "/map")
-    message = maker.make(message_type, header, poses)
+    header = {"stamp": 2.0, "frame_id": "/map"}
+    message = maker.make(message_type, {"header": header, "poses": poses})
     raw_message = maker.store.serialize_ros1(message, message_type)
     return message, raw_message
 
@@ -247,11 +255,11 @@ def serialised(frames, turns):
 def test_a_path_read_at_once_has_the_yaws_of_rotations_that_are_not_level():
     turns = np.random.default_rng(0).normal(size=(9, 4))
     message, raw_message = serialised(["map"] * 9, turns)
-    stamp, frame, poses = path_of(raw_message)
-    assert stamp == 2_000_000_000
-    assert frame == "map"
-    _, _, rosbags_poses = CHANNELS["routes"].unpack(message)
-    assert np.allclose(poses, rosbags_poses, rtol=0.0, atol=1e-15)
+    row = path_of(raw_message)
+    (rosbags_row,) = COLUMNS["routes"].unpack(message)
+    assert row["stamp"] == rosbags_row["stamp"] == 2_000_000_000
+    assert row["frame"] == rosbags_row["frame"] == "map"
+    assert np.allclose(row["path"], rosbags_row["path"], rtol=0.0, atol=1e-15)
 
 
 def test_poses_of_frames_of_unequal_lengths_are_left_to_rosbags():
@@ -268,7 +276,7 @@ def test_a_damaged_path_is_left_to_rosbags():
     for raw_message in (nothing, cut_header, absurd_lengths, header_without_poses):
         assert path_of(raw_message) is None
     # All zeros is a whole message: an empty path in a frame without a name.
-    assert len(path_of(b"\0" * 20)[2]) == 0
+    assert len(path_of(b"\0" * 20)["path"]) == 0
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -304,7 +312,7 @@ def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
     with BagWriter(bag_path, JACKAL, names(move_base="/a/move_base")) as writer:
         writer.write(until(driven, 1.0))
         writer.topics = names(move_base="/b/move_base")
-        writer.put("plans", 9.0, "odom", driven.plans.path[0], part="TrajectoryPlannerROS")
+        put_plan(writer, 9.0, "odom", driven.plans.path[0])
 
     problem = "plans of /a/move_base and of /b/move_base: give --move-base"
     with pytest.raises(BagError, match=problem):
@@ -429,7 +437,7 @@ def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, bag_path):
     with BagWriter(bag_path, JACKAL, names()) as writer:
         without_plans = replace(until(driven, 1.0), plans=None, routes=None)
         writer.write(without_plans)
-        writer.put("plans", 1.5, "map", driven.plans.path[0], part="TrajectoryPlannerROS")
+        put_plan(writer, 1.5, "map", driven.plans.path[0])
     with pytest.raises(BagError) as refusal:
         read_back(bag_path)
     problem = "the plan is in map, the odometry in odom: record /tf and /tf_static"
@@ -452,7 +460,7 @@ def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driv
         # The writer begins a bag at 1 s of ROS time.
         stamps = 1.0 + plans.time - odometry.time[0]
         for stamp, path in zip(stamps, plans_in_map, strict=True):
-            writer.put("plans", stamp, "map", path, part="TrajectoryPlannerROS")
+            put_plan(writer, stamp, "map", path)
 
     read_back_drive = read_back(bag_path)
 

@@ -10,6 +10,7 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import Plans, SentGoal
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
@@ -19,7 +20,6 @@ from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
 from training.robot.open_floor import courses
-from training.robot.single_changes import single_candidates
 from training.why import answer, remedies, whole_drives
 from training.why.answer import Answer
 from training.why.candidates import (
@@ -150,15 +150,6 @@ def test_a_slowest_speed_above_the_fastest_one_is_lowered_below_it():
     lowered = Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04)
     assert Candidate((lowered,)) in file_candidates(with_changes(BURGER, [crossed], "crossed"))
     assert Candidate((lowered,)) not in file_candidates(BURGER)
-
-
-def test_a_change_of_linked_values_knows_what_each_of_them_was():
-    slower = Change("DWAPlannerROS", "max_vel_trans", 0.22, 0.15)
-    robot = with_changes(BURGER, [slower], "burger of two speeds")
-    speeds = ["max_vel_x", "max_vel_trans"]
-    of_speed = [change for change in single_candidates(robot) if change.names == speeds]
-    assert [change.before for change in of_speed[0].changes] == [0.22, 0.15]
-    assert [change.after for change in of_speed[0].changes] == [0.11, 0.11]
 
 
 def in_both(servers, name, before, after):
@@ -524,6 +515,37 @@ def test_a_doubtful_replay_is_called_so(replayed):
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
     drive, world = door
     assert Recording.of(drive, JACKAL).goal == pytest.approx(world.course.goal)
+
+
+def test_the_end_of_a_followed_part_far_from_the_robot_is_no_goal(door):
+    drive, _ = door
+    without_routes = replace(drive, routes=None, sent=[])
+    far_plan = drive.plans.path[-1] + (0.0, 5.0, 0.0)
+    far_away = replace(without_routes, plans=Plans(drive.plans.time[-1:], [far_plan]))
+    assert Recording.of(far_away, JACKAL).goal is None
+
+    x, y, _ = drive.odometry.pose[-1]
+    near_plan = np.array([(x, y + 1.0, 0.5)])
+    near = replace(without_routes, plans=Plans(drive.plans.time[-1:], [near_plan]))
+    assert Recording.of(near, JACKAL).goal == pytest.approx((x, y + 1.0, 0.5))
+
+    in_map = SentGoal(0.0, (1.0, 2.0, 0.0), "map")
+    in_odometry = SentGoal(0.0, (3.0, 4.0, 0.0), drive.frame)
+    sent = replace(far_away, sent=[in_odometry, in_map])
+    assert Recording.of(sent, JACKAL).goal == (3.0, 4.0, 0.0)
+
+
+def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_about(
+    replayed, monkeypatch
+):
+    monkeypatch.setattr(remedies, "try_out", lambda *args: "trials")
+    event = Event("crept", 1.0, 12.0, (0.0, 0.3))
+    moment = replace(event, kind=ASKED)
+    with Pool(0) as pool:
+        assert remedies.driven_trials(Diagnosis(replayed, [event]), [], pool) == "trials"
+        assert remedies.driven_trials(Diagnosis(replayed, [moment]), [], pool) is None
+        with_part = Diagnosis(replayed, [event], part=(0.5, 0.0))
+        assert remedies.driven_trials(with_part, [], pool) is None
 
 
 def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(

@@ -5,56 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.drives.drive import (
-    ABORTED,
-    REACHED,
-    TIMED_OUT,
-    Commands,
-    Drive,
-    Goal,
-    Motion,
-    Plans,
-    Refusals,
-    Scans,
-    Verdicts,
-)
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED
-from applr_ros1.monitor.monitor import REVERSING
+from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans
 from applr_ros1.why import events, reasons
 from applr_ros1.why.events import AT_GOAL, UNHEARD, Limits
 from applr_ros1.why.stretch import Stretch
-from training.robot.failure import STANDS as STANDS_OR_TURNS
-from training.robot.failure import failure_of
+from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
-RATE_HZ = 20.0
 # top speed [m/s] and turn rate [rad/s]
 TOP = 0.5
 TURN = 1.5
-DRIVES = [(0.5, 0.0)] * 60  # three seconds at full speed
-STANDS = [(0.0, 0.0)] * 60
-
-
-def drive_of(twists, goal=(100.0, 0.0)):
-    """Return a drive with these measured velocities (v, w), which had a goal all the time."""
-    twist = np.array(twists, float)
-    v, w = twist.T
-    times = np.arange(len(twist)) / RATE_HZ
-    yaw = np.cumsum(w) / RATE_HZ
-    x = np.cumsum(v * np.cos(yaw)) / RATE_HZ
-    y = np.cumsum(v * np.sin(yaw)) / RATE_HZ
-    odometry = Motion(times, times, np.column_stack([x, y, yaw]), twist)
-    # A plan of one pose, the goal's, in each row
-    plan = np.array([(*goal, 0.0)])
-    commands = Commands(times, twist)
-    last_time = float(times[-1])
-    return Drive(
-        odometry=odometry,
-        truth=odometry,
-        plans=Plans(times, [plan] * len(times)),
-        planned=commands,
-        commands=commands,
-        goals=[Goal("one", 0.0, last_time, TIMED_OUT)],
-    )
 
 
 def found(drive):
@@ -194,10 +153,7 @@ def scans_of(times, metres):
 @pytest.fixture
 def stopped():
     """Return a drive that stands from 3 to 6 s, although 0.5 m/s are commanded."""
-    drive = drive_of(DRIVES + STANDS + DRIVES)
-    twists = np.tile([0.5, 0.0], (len(drive.odometry), 1))
-    commands = Commands(drive.odometry.time, twists)
-    return replace(drive, planned=commands, commands=commands)
+    return stopped_drive()
 
 
 def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
@@ -325,69 +281,3 @@ def test_late_commands_are_a_reason(stopped):
     every_fourth = stopped.planned.part(slice(0, None, 4))
     late = replace(stopped, planned=every_fourth)
     assert reasons.late(stretch_of(late)) == "commands came every 0.20 s instead of every 0.05 s"
-
-
-# -- failures of simulated drives
-def failed(drive, status=TIMED_OUT, reason="time limit", **columns):
-    """Return in words why a drive failed whose goal ended like this, with these other columns."""
-    goal = Goal("one", begin=0.0, end=9.0, status=status, reason=reason)
-    return failure_of(replace(drive, goals=[goal], **columns))
-
-
-def test_a_drive_that_arrives_has_not_failed_unless_it_touches_something(stopped):
-    assert failed(stopped, REACHED) == ""
-    assert failed(stopped, REACHED, contacts=np.array([4.0])) == "it touches something"
-
-
-def test_failures_are_worded_by_their_causes_first(stopped):
-    times = stopped.planned.time
-    late = failed(stopped)
-    assert late.startswith(f"{STANDS_OR_TURNS}, and has not arrived after 9 s")
-    aborted = failed(stopped, ABORTED, "move_base gave up: no way")
-    assert aborted == "move_base gave up: no way"
-
-    # 30 of 180 cycles are 17 %. 10 of them are 6 %, less than the tenth that counts as a reason.
-    rejecting_cycle = {
-        "samples": 90,
-        "obstacle": 80,
-        "path": 1,
-    }
-    many_refusals = Refusals(times, [rejecting_cycle] * 30 + [{}] * 150)
-    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
-    assert failed(stopped, refusals=many_refusals) == rejects
-    few_refusals = Refusals(times, [{}] * 170 + [rejecting_cycle] * 10)
-    assert failed(stopped, refusals=few_refusals).startswith(STANDS_OR_TURNS)
-
-    # In the last three of nine seconds
-    verdicts = Verdicts(
-        times,
-        action=["stop"] * 180,
-        reason=["a wall"] * 180,
-        blocked=list(times > 6.0),
-    )
-    intervenes = "the collision monitor intervenes 33 % of the time: a wall"
-    assert failed(stopped, verdicts=verdicts) == intervenes
-    # A reversal that the monitor delays counts, too.
-    delays = replace(verdicts, reason=[REVERSING] * 180, blocked=[False] * 180)
-    delayed = failed(stopped, verdicts=delays)
-    assert delayed == f"the collision monitor intervenes 100 % of the time: {REVERSING}"
-    # What the planner rejects never reaches the monitor.
-    both = failed(stopped, verdicts=verdicts, refusals=many_refusals)
-    assert both.startswith("the planner rejects")
-
-    # 2 m/s for nine seconds, while the robot drives for six seconds at 0.5 m/s
-    fast_commands = Commands(times, np.tile([2.0, 0.0], (180, 1)))
-    slips = failed(stopped, commands=fast_commands)
-    assert slips == "it moves 3.0 m although 18.0 m are commanded"
-
-    # A robot whose odometry arrived was not kept from driving. It begins 25 mm from the origin.
-    short_motion = replace(stopped.truth, pose=0.8 * stopped.truth.pose)
-    arrived = failed(stopped, ABORTED, ODOMETRY_ARRIVED, truth=short_motion, refusals=many_refusals)
-    assert arrived == f"{ODOMETRY_ARRIVED}: its wheels slipped by 0.59 m over 3.0 m"
-
-    # A missing path and a contact are named before the planner's refusals.
-    no_routes = Plans(np.empty(0), [])
-    lost = failed(stopped, routes=no_routes, refusals=many_refusals)
-    assert lost == "the global planner finds no path"
-    touches = failed(stopped, contacts=np.array([1.0]), refusals=many_refusals)
-    assert touches.startswith("it touches something, and the planner")

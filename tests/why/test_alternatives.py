@@ -1,0 +1,133 @@
+"""Tests of alternatives: how the planner would have driven on with other values."""
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner.parameters.parameter import by_name
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.why import alternatives
+from applr_ros1.why.alternatives import Alternative, Result, guesses_of
+from applr_ros1.why.diagnosis import diagnose
+from tests.support.replays import (
+    PLANNER,
+    sound_replay,
+    spoilt_replay,
+)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Return a replay of a drive without a fault."""
+    return sound_replay()
+
+
+@pytest.fixture(scope="module")
+def replay():
+    """Return a replay of the drive with the fault."""
+    return spoilt_replay()
+
+
+def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(replay, monkeypatch):
+    # Fewer cycles than people get, because each takes the time of a drive.
+    monkeypatch.setattr(alternatives, "CYCLES", 4)
+    guesses = guesses_of(diagnose(replay))
+    assert guesses[0].change.name == "vx_samples"
+    for guess in guesses:
+        assert guess.gain > 0.0
+
+
+def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
+    begin_times = []
+
+    def best_changes(replay, changes, cycles, others):
+        for cycle in cycles:
+            begin_times.append(cycle.at)
+        return []
+
+    monkeypatch.setattr(alternatives, "best_changes", best_changes)
+    guesses_of(diagnose(sound, at=5.0))
+    # The event of a moment is half a second around it. The way into it counts from 2 s before.
+    assert min(begin_times) == pytest.approx(2.5, abs=0.1)
+    assert max(begin_times) == pytest.approx(5.5, abs=0.1)
+
+
+def test_driving_on_follows_the_commands(replay):
+    cycle = replay.cycles[100]
+    ((speed, distance),) = alternatives.drive_on(replay, [cycle])
+    assert speed == pytest.approx(0.1, abs=0.03)  # the only speed
+    assert 0.2 < distance < 3.0
+
+    more_samples = Change(PLANNER, "vx_samples", 1, 20)
+    ((higher_speed, _),) = alternatives.drive_on(replay, [cycle], more_samples)
+    assert higher_speed > 0.2
+
+    # Symmetric limits stay so.
+    slower_turns = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
+    changed_settings = cycle.settings.with_(*alternatives.together(cycle.settings, slower_turns))
+    assert changed_settings[PLANNER]["min_vel_theta"] == -1.0
+
+    # Others stay as they are.
+    slower_right_turns = Change(PLANNER, "min_vel_theta", -1.57, -0.5)
+    skewed_settings = cycle.settings.with_(slower_right_turns)
+    assert alternatives.together(skewed_settings, slower_turns) == (slower_turns,)
+
+
+def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
+    declared = by_name(replay.planner.parameters(PLANNER))
+
+    def alternative(name, before, after, gain):
+        change = Change(PLANNER, name, before, after)
+        default = declared[name].default
+        stands = Result(0.0, 0.0)
+        gains = Result(gain, 0.0)
+        return Alternative((change,), default, stands, gains)
+
+    # The first four gain about as much (at least WITHIN of the best), so that small changes are
+    # preferred. vx_samples gains too little for that.
+    tried = [
+        alternative("sim_time", 2.0, 8.0, 1.0),
+        alternative("sim_time", 2.0, 1.7, 0.92),
+        alternative("occdist_scale", 0.1, 0.01, 0.95),
+        alternative("occdist_scale", 0.1, 0.05, 0.93),
+        alternative("vx_samples", 1, 20, 0.5),
+    ]
+    values_in_order = [each.change.after for each in alternatives.ranked(tried)]
+    assert values_in_order == [0.05, 0.01, 1.7, 8.0, 20]
+
+
+def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
+    fast_but_close = Change(PLANNER, "sim_time", 2.0, 1.0)
+    slower = Change(PLANNER, "sim_time", 2.0, 4.0)
+    # Speed [m/s] and smallest distance of obstacles [m]
+    results = {
+        None: (0.1, 0.5),
+        fast_but_close: (0.5, 0.05),
+        slower: (0.3, 0.5),
+    }
+
+    def drive_on(replay, cycles, change=None):
+        return np.array([results[change]] * len(cycles))
+
+    monkeypatch.setattr(alternatives, "drive_on", drive_on)
+    (alternative,) = alternatives.best_changes(
+        replay,
+        [fast_but_close, slower],
+        replay.cycles[:4],
+        replay.cycles[4:6],
+    )
+    assert alternative.change == slower
+    assert alternative.gain == pytest.approx(0.2)
+    assert alternative.elsewhere == pytest.approx(0.2)
+
+
+def test_another_inflation_applies_to_the_recorded_map(replay):
+    """With a wide one, the planner passes obstacles at another distance."""
+    layer = "local_costmap/inflater_layer"
+    cycle = replay.cycles[100]
+    tracks = []
+    for radius in (0.1, 1.0):
+        wider = cycle.settings.with_(Change(layer, "inflation_radius", 0.3, radius))
+        tracks.append(replay.ahead(cycle, wider, 40).track)
+    assert not np.array_equal(*tracks)
+    # The recorded map itself keeps its own inflation.
+    assert replay.at(cycle).command == pytest.approx(cycle.command)

@@ -1,0 +1,232 @@
+"""Tests of explanations: what the planner weighed, and a part of the robot in its scans."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.why.alternatives import guesses_of
+from applr_ros1.why.answer import what_happened
+from applr_ros1.why.diagnosis import diagnose
+from applr_ros1.why.explanation import explain, part_of_robot
+from applr_ros1.why.moment import Memory
+from applr_ros1.why.stretch import SLOW
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from tests.support.drives import changed, simulated
+from tests.support.replays import (
+    JACKAL,
+    PLANNER,
+    WAFFLE,
+    replayed,
+    sound_replay,
+    spoilt_replay,
+)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Return a replay of a drive without a fault."""
+    return sound_replay()
+
+
+@pytest.fixture(scope="module")
+def replay():
+    """Return a replay of the drive with the fault."""
+    return spoilt_replay()
+
+
+def driven_with_post(ahead, left, since=0.0):
+    """Return a replay of a drive in which the laser sees a post at a place relative to the robot
+    [m] from a time [s] on.
+
+    The post moves with the robot, as a part of the robot would.
+    """
+    laser = JACKAL.laser
+    ahead_of_laser = ahead - laser.pose[0]
+    post_distance = np.hypot(ahead_of_laser, left)
+    angle = np.arctan2(left, ahead_of_laser)
+    beam = round((angle - laser.first_angle) / laser.increment)
+
+    class Simulator(KinematicSimulator):
+        def scan(self):
+            ranges = np.array(super().scan())
+            if self.state.time >= since:
+                ranges[beam - 15 : beam + 15] = post_distance
+            return ranges
+
+    replay = replayed(JACKAL, simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
+    assert replay.share == 1.0
+    return replay
+
+
+def test_the_obstacle_in_the_way_is_named():
+    replay = driven_with_post(0.5, 0.15, since=3.0)
+    cycle = replay.cycles[66]  # 0.3 s after the post appeared
+    explanation = explain(replay, cycle)
+    # "28 of 30 faster samples ..."
+    obstacle_line = explanation.lines[-1]
+    numbers = obstacle_line.split(" faster samples")[0]
+    blocked_count, faster_count = map(int, numbers.split(" of "))
+    assert faster_count > 20
+    assert blocked_count > 0.9 * faster_count
+    obstacle_from_robot = transform_point(inverse(cycle.pose), *explanation.obstacle)
+    # A cell has 0.05 m, and the robot moved a little since the scan.
+    assert obstacle_from_robot == pytest.approx((0.5, 0.15), abs=0.1)
+    assert "m to the left, from the latest scan" in obstacle_line
+
+    # If the latest scan does not have the post, the costmap knows it from those before.
+    ranges = replay.drive.scans.ranges
+    before_the_post = ranges[40]
+    ranges[cycle.scan] = before_the_post
+    assert "from earlier scans" in explain(replay, cycle).lines[-1]
+
+
+def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
+    replay = driven_with_post(0.5, 0.0)
+    assert part_of_robot(replay) is not None
+    # At one place, a post of the world and a part of the robot look the same.
+    replay = replace(replay, cycles=[replay.cycles[0]] * 300)
+    assert part_of_robot(replay) is None
+
+
+def test_a_point_beside_a_robot_that_drives_straight_on_is_no_part_of_it():
+    """A wall along its way stays beside it, however far it drives."""
+    replay = driven_with_post(0.5, 0.0)
+    first_yaw = replay.cycles[0].pose[2]
+    straight_cycles = []
+    for cycle in replay.cycles:
+        if abs(cycle.pose[2] - first_yaw) < 0.3:
+            straight_cycles.append(cycle)
+    assert len(straight_cycles) > 30
+    assert part_of_robot(replace(replay, cycles=straight_cycles)) is None
+
+
+def test_a_point_beside_a_robot_that_turns_to_and_fro_is_no_part_of_it():
+    """It comes back to two headings, at which the same wall is seen each time."""
+    replay = driven_with_post(0.5, 0.0)
+    first_cycle = replay.cycles[0]
+    x, y, yaw = first_cycle.pose
+    turned_cycle = replace(first_cycle, pose=(x, y, yaw + 0.3))
+    to_and_fro = replace(replay, cycles=[first_cycle, turned_cycle] * 50)
+    assert part_of_robot(to_and_fro) is None
+
+
+def test_a_point_that_is_far_from_the_outline_is_no_part_of_the_robot():
+    assert part_of_robot(driven_with_post(0.8, 0.0)) is None
+
+
+def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
+    robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
+    driven, _ = simulated(robot, "generated:7", limit=8)
+    replay = replayed(robot, driven)
+    assert part_of_robot(replay) is None
+    cycle = replay.cycles[-20]
+    explanation = explain(replay, cycle)
+
+    # The planner's own costs: their parts add up, and the command, in the last row, is cheapest.
+    moment = replay.at(cycle)
+    command = moment.command
+    velocities, costs, parts = moment.samples
+    legal = costs >= 0
+    assert np.allclose(sum(parts.values())[legal], costs[legal])
+    assert all((part[~legal] == 0.0).all() for part in parts.values())
+    assert velocities[-1].tolist() == list(command)
+    assert costs[-1] == pytest.approx(costs[legal].min())
+
+    # The table begins with the command.
+    weights = ["path_distance_bias", "goal_distance_bias", "occdist_scale"]
+    assert explanation.table[0] == ["v", "w", "cost", *weights]
+    assert explanation.table[1][2] == pytest.approx(costs[-1], abs=0.01)
+    assert explanation.points
+
+    # The sentence compares it with the cheapest sample that is not slow.
+    is_fast = legal & (velocities[:, 0] >= SLOW * 0.5)
+    fast_samples = np.flatnonzero(is_fast)
+    outbid_sample = fast_samples[costs[is_fast].argmin()]
+    command_text = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
+    costs_text = f"costs {costs[outbid_sample]:.1f}, the command {command_text} {costs[-1]:.1f}: "
+    occdist = parts["occdist_scale"]
+    (first_line, *_) = explanation.lines
+    assert costs_text in first_line
+    assert ": occdist_scale 0.8 " in first_line
+    assert f"counts {occdist[outbid_sample]:.1f} against {occdist[-1]:.1f}" in first_line
+
+
+def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
+    cycle = sound.cycles[40]
+    planner_state = dict(zip(TrajectoryPlanner.STATE.names, cycle.memory.flags, strict=True))
+    x, y, yaw = cycle.pose
+    # The planner began to escape here, and escapes until it is some way off.
+    planner_state.update(
+        escaping=1,
+        escape_x=x,
+        escape_y=y,
+        escape_theta=yaw,
+    )
+    escaping_cycle = replace(cycle, memory=Memory(list(planner_state.values())))
+
+    line_if_escaping = explain(sound, escaping_cycle).lines[0]
+    line_otherwise = explain(sound, cycle).lines[0]
+
+    assert "was not sampled, because the planner is escaping" in line_if_escaping
+    assert line_otherwise.startswith("The planner drives on (")
+
+
+def test_a_plan_that_leads_back_is_the_whole_reason(sound):
+    cycle = sound.cycles[40]
+    x, y, yaw = cycle.pose
+    turned_round = replace(cycle, pose=(x, y, yaw + np.pi))
+    words_if_turned = explain(sound, turned_round).words
+    assert words_if_turned == "the plan leads back, behind the robot"
+    assert "leads back" not in explain(sound, cycle).words
+
+
+def test_samples_that_dwa_refuses_are_explained():
+    """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower
+    than min_vel_theta.
+    """
+    driven, _ = simulated(WAFFLE, "generated:3", limit=3)
+    replay = replayed(WAFFLE, driven)
+    # With this velocity, the samples reach from backing out to a slow turn.
+    backs_out = replace(replay.cycles[10], twist=(-0.2, 0.0))
+    last_line = explain(replay, backs_out).lines[-1]
+    assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in last_line
+
+    # Nothing straight lies between both limits of the speed.
+    lowered = Change(replay.planner.name, "max_vel_trans", 0.26, 0.08)
+    crossed = replace(backs_out, settings=backs_out.settings.with_(lowered))
+    assert explain(replay, crossed).words == (
+        "every straight way is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
+        "no straight command is allowed"
+    )
+
+    # So it is when the plan leads back, too.
+    x, y, yaw = crossed.pose
+    turned_round = replace(crossed, pose=(x, y, yaw + np.pi))
+    assert "max_vel_trans (0.08) is below" in explain(replay, turned_round).words
+
+    # At full speed, the planner would have to brake.
+    lowered = Change(replay.planner.name, "max_vel_trans", 0.26, 0.15)
+    at_speed = replace(replay.cycles[10], twist=(0.26, 0.0))
+    too_fast = replace(at_speed, settings=at_speed.settings.with_(lowered))
+    assert "is above max_vel_trans (0.15)" in explain(replay, too_fast).lines[-1]
+
+    # All flags of the oscillation critic set: no direction is left.
+    last_cycle = replay.cycles[-1]
+    all_flags_set = Memory([1.0] * len(last_cycle.memory.flags))
+    oscillates = replace(last_cycle, memory=all_flags_set)
+    last_line = explain(replay, oscillates).lines[-1]
+    assert "is refused by the critic oscillation" in last_line
+
+
+def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
+    diagnosed = diagnose(driven_with_post(0.5, 0.0))
+    first_line = what_happened(diagnosed)
+    position = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
+    assert re.match(rf"The laser sees a part of the robot, {position}", first_line)
+    # Nothing about the planner is guessed from scans that show the robot itself.
+    assert guesses_of(diagnosed) == []
