@@ -122,11 +122,13 @@ class Server:
         The server would clamp the values itself, but its answer must equal the request. The library
         converts the types.
         """
+        declared = self.declared
         request = {}
         for target_name, value in values.items():
             name = self.names[target_name]
-            declared = self.declared[name]
-            request[name] = float(min(max(value, declared["min"]), declared["max"]))
+            smallest = declared[name]["min"]
+            largest = declared[name]["max"]
+            request[name] = float(min(max(value, smallest), largest))
         return request
 
     def has(self, request: Mapping[str, Any]) -> bool:
@@ -311,7 +313,7 @@ class ReconfigureClient:
 
     @property
     def _is_per_cell(self) -> bool:
-        """Whether the settings of the last apply are per cell."""
+        """True if the settings of the last apply are per cell."""
         return self._sent is not None and self._sent.per_cell
 
     def _multipliers(self, per_cell: bool) -> Array:
