@@ -75,10 +75,10 @@ class Scratch(NamedTuple):
     sampled_vx: Data  # sampled values of vx [m/s]
     sampled_vy: Data  # sampled values of vy [m/s]
     sampled_w: Data  # sampled values of w [rad/s]
-    keys: Data  # lower bounds of the samples' costs
-    bounds: Data  # BOUNDS of the samples
-    heap: Data  # numbers of the samples, lowest key first
-    is_probed: Data  # whether bounds.probe has tested a sample
+    critic_bounds: Data  # BOUNDS of the samples
+    bounds: Data  # see search.best_first.next_step
+    heap: Data
+    is_probed: Data
     start: Data  # array of one START record: pose and velocity, rounded to float32
 
 
@@ -114,8 +114,8 @@ def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scra
         sampled_vx=sampled_vx,
         sampled_vy=sampled_vy,
         sampled_w=sampled_w,
-        keys=np.zeros(sample_count),
-        bounds=np.zeros(sample_count, BOUNDS),
+        critic_bounds=np.zeros(sample_count, BOUNDS),
+        bounds=np.zeros(sample_count),
         heap=np.zeros(sample_count, np.int64),
         is_probed=np.zeros(sample_count, np.uint8),
         start=np.zeros(1, START),
