@@ -15,12 +15,9 @@ from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, o
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, final_distance, place
 from applr_ros1.planner.dwa import samples
-from applr_ros1.planner.dwa.critics import (
-    footprint_scale,
-    is_barred,
-    scale_footprint,
-    weighted_sum,
-)
+from applr_ros1.planner.dwa.critics import lower_bound
+from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
+from applr_ros1.planner.dwa.critics.oscillation import is_barred
 from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH, Grids, Scene, Scratch, grid_of
 from applr_ros1.planner.dwa.samples import SampleCounts, commanded, ground_speed
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
@@ -184,7 +181,7 @@ def fill_bounds(
     sampled_vy = scratch.sampled_vy
     sampled_w = scratch.sampled_w
     bounds = scratch.bounds
-    critic_bounds = scratch.critic_bounds
+    known_of = scratch.known
     heap = scratch.heap
     is_probed = scratch.is_probed
     start = scratch.start[0]
@@ -316,13 +313,13 @@ def fill_bounds(
                                 )
 
                 sample_number = (ix * axis_counts.vy + iy) * axis_counts.w + iw
-                bound = critic_bounds[sample_number]
-                bound.front = front_distance
-                bound.alignment = alignment_distance
-                bound.path = path_distance
-                bound.goal = goal_distance
-                bound.obstacle = obstacle_cost
-                cost_bound = weighted_sum(p, obstacle_cost, bound, stored_velocity.w)
+                known = known_of[sample_number]
+                known.front = front_distance
+                known.alignment = alignment_distance
+                known.path = path_distance
+                known.goal = goal_distance
+                known.obstacle = obstacle_cost
+                cost_bound = lower_bound(p, known, stored_velocity)
                 sample_count = add(bounds, heap, is_probed, sample_count, sample_number, cost_bound)
     return sample_count
 

@@ -2,7 +2,7 @@
 
 Called by planner.py. A cycle begins by rounding the pose and starting the four distance grids
 (section 3 of docs/explanation/planner_dwa.md). Samples wait in a heap, ordered by a lower bound of
-their cost (bounds.py). The critics (critics.py) evaluate the sample with the lowest bound, until no
+their cost (bounds.py). The critics (critics/) evaluate the sample with the lowest bound, until no
 bound beats the best cost. The choice equals that of the C++ planner to the last bit.
 """
 
@@ -14,9 +14,9 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.distance_grid import place, reset, start_at, start_at_plan
-from applr_ros1.planner.dwa import critics
 from applr_ros1.planner.dwa.bounds import fill_bounds, probe_sample
-from applr_ros1.planner.dwa.critics import NOTHING_LEGAL, weighted_sum
+from applr_ros1.planner.dwa.critics import lower_bound, oscillation
+from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
 from applr_ros1.planner.dwa.records import (
     ALIGNMENT,
     FRONT,
@@ -36,6 +36,7 @@ from applr_ros1.planner.dwa.samples import (
     sample_of,
     step_count,
 )
+from applr_ros1.planner.dwa.total_cost import NOTHING_LEGAL, total_cost
 from applr_ros1.planner.sampling_planner import (
     Record,
     Triple,
@@ -148,7 +149,7 @@ def find_best(
     sample = sample_of(scratch, axis_counts, last_step.best_number)
     steps = step_count(p, sample)
     stored_velocity = commanded(p, start, sample, steps)
-    critics.remember(p, state[0], start, stored_velocity)
+    oscillation.remember(p, state[0], start, stored_velocity)
     command_w = through_quaternion(stored_velocity.w)
     return Winner(
         cost=last_step.best_cost,
@@ -174,7 +175,7 @@ def _search(
     bounds = scratch.bounds
     heap = scratch.heap
     is_probed = scratch.is_probed
-    critic_bounds = scratch.critic_bounds
+    known_of = scratch.known
     start = scratch.start[0]
     heading = heading_of(start.theta)
     scaled_footprint = np.empty_like(scene.footprint)
@@ -189,26 +190,24 @@ def _search(
         if step.is_exact:
             points = np.empty((steps, 3))
             roll_out(p, start, sample, points)
-            answer, _ = critics.total_cost(
-                p, state, scene, grids, points, stored_velocity, step.best_cost
-            )
+            answer, _ = total_cost(p, state, scene, grids, points, stored_velocity, step.best_cost)
         else:
             # A closer bound from a few poses, before the whole trajectory is rolled out
-            bound = critic_bounds[step.number]
+            known = known_of[step.number]
             answer = bounds[step.number]
             if p.occdist_scale != 0.0:
                 cost_limit = HUGE
                 if step.best_cost < HUGE:
-                    other_critics = weighted_sum(p, 0.0, bound, stored_velocity.w)
-                    cost_limit = (step.best_cost - other_critics) / p.occdist_scale + 1.0
+                    raise_limit = (step.best_cost - answer) / p.occdist_scale
+                    cost_limit = known.obstacle + raise_limit + 1.0
                 speed = ground_speed(stored_velocity.vx, stored_velocity.vy)
-                scale = critics.footprint_scale(p, speed)
-                critics.scale_footprint(scene.footprint, scale, scaled_footprint)
+                scale_footprint(scene.footprint, footprint_scale(p, speed), scaled_footprint)
                 obstacle_cost = probe_sample(
-                    p, scene, scaled_footprint, start, heading, sample, bound.obstacle, cost_limit
+                    p, scene, scaled_footprint, start, heading, sample, known.obstacle, cost_limit
                 )
                 answer = -1.0
                 if obstacle_cost >= 0:
-                    answer = weighted_sum(p, obstacle_cost, bound, stored_velocity.w)
+                    known.obstacle = obstacle_cost
+                    answer = lower_bound(p, known, stored_velocity)
         step = next_step(bounds, heap, is_probed, step, answer)
     return step
