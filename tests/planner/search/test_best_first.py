@@ -46,16 +46,16 @@ def test_the_first_sample_of_lowest_cost_is_found(seed):
 
 
 def test_samples_that_cannot_win_are_not_scored():
-    lower_bounds = [0.0, 1.0, 2.0, 3.0, 3.0]
-    closer_bounds = [5.0, ILLEGAL, 2.0, 3.0, 3.0]
-    costs = [5.0, 1.0, 3.0, 4.0, 3.0]
+    lower_bounds = [4.0, 0.0, 1.0, 2.0, 3.0, 3.0]
+    closer_bounds = [4.0, 5.0, ILLEGAL, 2.0, 3.0, 3.0]
+    costs = [9.0, 5.0, 1.0, 3.0, 4.0, 3.0]
 
     step, scored_samples = search(lower_bounds, closer_bounds, costs)
 
-    # Sample 0 is put back by its closer bound, and sample 1 is illegal. Samples 3 and 4 could at
-    # best equal sample 2, which comes first.
-    assert scored_samples == [2]
-    assert (step.best_number, step.best_cost) == (2, 3.0)
+    # Sample 1 is put back by its closer bound, and sample 2 is illegal. Samples 4 and 5 could at
+    # best equal sample 3, which comes first.
+    assert scored_samples == [3]
+    assert (step.best_number, step.best_cost) == (3, 3.0)
 
 
 @pytest.mark.parametrize("costs", [[], [ILLEGAL, ILLEGAL]])
