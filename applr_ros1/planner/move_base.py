@@ -162,7 +162,7 @@ class MoveBase:
         """Abort with `text` at the next step, because the goal cannot be used."""
         self._machine.refuse_goal(text)
 
-    def cancel(self, now: float) -> None:
+    def cancel(self) -> None:
         """Cancel the goal at the next step, in any state."""
         self._machine.cancel()
 

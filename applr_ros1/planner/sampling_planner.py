@@ -1,8 +1,8 @@
 """Common base of the two local planners that sample velocities, trajectory/ and dwa/.
 
 Contains the base class with parameters and memory between cycles, the choice of a cycle, clouds of
-costs for display, and angle functions equal to those of C++ to the last bit. A heap orders the
-samples by the lower bound of their cost, and samples with equal bounds by their number.
+costs for display, and angle functions equal to those of C++ to the last bit. Their common search is
+in search/.
 """
 
 from __future__ import annotations
@@ -24,15 +24,12 @@ from typing import (
 
 import numpy as np
 
-from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED
 
 # Pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s].
 Triple = Tuple[float, float, float]
 RollOut = Callable[[np.ndarray], None]  # writes the poses of a trajectory to an array (count, 3)
-# Largest turn per step in closed forms [rad]. The chord formula fails near a full turn.
-LARGEST_TURN = 0.5
 
 
 class Velocity(NamedTuple):
@@ -138,53 +135,6 @@ def turn_speed(error: float, wanted: float, w: float, acceleration: float, perio
     largest_change = acceleration * period
     reachable_speed = min(max(wanted, abs(w) - largest_change), abs(w) + largest_change)
     return min(math.sqrt(2 * acceleration * abs(error)), reachable_speed)
-
-
-@kernel
-def small_turn(a: float) -> Tuple[float, float]:
-    """Return (cos a, sin a) from their series, accurate to about 1e-15 for |a| <= .25."""
-    squared = a * a
-    cos_a = 1 - squared / 2 * (1 - squared / 12 * (1 - squared / 30 * (1 - squared / 56)))
-    sin_a = a * (1 - squared / 6 * (1 - squared / 20 * (1 - squared / 42 * (1 - squared / 72))))
-    return cos_a, sin_a
-
-
-@kernel
-def sift_down(heap: Data, keys: Data, count: int, i: int) -> None:
-    """Restore the heap of sample numbers after the key of heap[i] grew.
-
-    The sample with the lowest key is on top, among equal keys that with the lowest number.
-    """
-    sample = heap[i]
-    while 2 * i + 1 < count:
-        child = 2 * i + 1
-        if child + 1 < count and _is_before(keys, heap[child + 1], heap[child]):
-            child += 1
-        if not _is_before(keys, heap[child], sample):
-            break
-        heap[i] = heap[child]
-        i = child
-    heap[i] = sample
-
-
-@kernel
-def order_heap(heap: Data, keys: Data, count: int) -> None:
-    """Make a heap of the first `count` sample numbers, which lie in `heap` in any order."""
-    for i in range(count // 2 - 1, -1, -1):
-        sift_down(heap, keys, count, i)
-
-
-@kernel
-def drop_first(heap: Data, keys: Data, count: int) -> int:
-    """Remove the first of `count` samples from the heap, and return the number of the others."""
-    heap[0] = heap[count - 1]
-    sift_down(heap, keys, count - 1, 0)
-    return count - 1
-
-
-@kernel
-def _is_before(keys: Data, sample: int, other: int) -> bool:
-    return keys[sample] < keys[other] or (keys[sample] == keys[other] and sample < other)
 
 
 def record(reals: str, integers: str, after: str = "") -> np.dtype:

@@ -71,7 +71,7 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
     for behaviour in move_base.recoveries:
         behaviour.start(now, pose)
         behaviour.step(now, pose, move_base.local_costmap, move_base.global_costmap)
-    move_base.cancel(now)
+    move_base.cancel()
     move_base.step(now, pose, (0.0, 0.0))
     move_base.make_plan(pose, (30.0, 0.0, 0.0), 0.2)
     move_base.clear_costmaps()

@@ -101,6 +101,14 @@ def comparison(prefix: str) -> str:
     return table(head, rows)
 
 
+def critics() -> str:
+    """Return the table of the critics of DWAPlannerROS."""
+    from applr_ros1.planner.dwa.critics import rows
+    from applr_ros1.planner.dwa.critics.critic import Row
+
+    return table(Row._fields, rows())
+
+
 def faults() -> str:
     """Return the table of faults, with a section for each group."""
     rows, parts = rows_of("faults"), []

@@ -349,7 +349,7 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
 def test_cancel_stops_at_the_next_step():
     move_base, robot = start(GOAL)
     run(move_base, robot, 1.0)
-    move_base.cancel(robot.time)
+    move_base.cancel()
     cycle = step(move_base, robot)
     assert cycle.result == ("preempted", "")
     assert cycle.command == STOP
@@ -363,7 +363,7 @@ def test_cancel_during_a_rotation_takes_effect_at_once():
         robot.drive(step(move_base, robot).command, 0.05)
         assert robot.time < 5.0
     # The rotation would last for another half turn.
-    move_base.cancel(robot.time)
+    move_base.cancel()
     assert move_base.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
 
 
@@ -402,7 +402,7 @@ def test_a_new_goal_begins_with_the_first_recovery():
 def test_a_cancelled_goal_does_not_cancel_the_next():
     move_base, robot = start(GOAL)
     # The cancellation is noticed at the next step only, when another goal is there.
-    move_base.cancel(robot.time)
+    move_base.cancel()
     move_base.set_goal((1.0, 0.0, 0.0), robot.time)
     assert run(move_base, robot, 20.0) == REACHED
 

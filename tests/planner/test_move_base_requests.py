@@ -243,7 +243,7 @@ def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     assert (is_lethal == was_lethal).all()
 
     # Without a goal, the call of make_plan frees the cells within clearing_radius.
-    move_base.cancel(robot.time)
+    move_base.cancel()
     run(move_base, robot, 0.1)
     move_base.make_plan(robot.pose, (3.0, 0.0, 0.0))
     is_lethal = move_base.global_costmap.cells == 254

@@ -221,7 +221,7 @@ class MoveBaseNode:
         # A new goal also requests preemption. Accepting the new goal ends its predecessor.
         is_cancelled = self.goals.is_active() and self.goals.is_preempt_requested()
         if is_cancelled and not self.goals.is_new_goal_available():
-            self.move_base.cancel(now)
+            self.move_base.cancel()
 
     def _checked_goal(self, goal: PoseStamped) -> Pose:
         """Return a goal as pose in the global frame.

@@ -11,52 +11,37 @@ from typing import NamedTuple, Tuple
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, UNSURE, outline_cost, outline_of
+from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, final_distance, place
 from applr_ros1.planner.dwa import samples
-from applr_ros1.planner.dwa.critics import (
-    footprint_scale,
-    is_barred,
-    scale_footprint,
-    weighted_sum,
-)
+from applr_ros1.planner.dwa.critics import lower_bound
+from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
+from applr_ros1.planner.dwa.critics.oscillation import is_barred
 from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH, Grids, Scene, Scratch, grid_of
 from applr_ros1.planner.dwa.samples import SampleCounts, commanded, ground_speed
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.sampling_planner import (
-    LARGEST_TURN,
     Heading,
     Record,
     Velocity,
-    order_heap,
-    small_turn,
-    turned,
 )
+from applr_ros1.planner.search.arcs import (
+    LARGEST_TURN,
+    arc_from,
+    flood_reach,
+    pose_after,
+    probe,
+)
+from applr_ros1.planner.search.best_first import add
 
 # Relative error of one float32 value, plus a margin for the closed forms
 ROUNDING = 1.01 * 2.0**-24
 FORMULA = 1e-9  # error bound of the closed forms, whose actual error is about 1e-12 [m]
 CELL_FORMULA = 1e-9  # error bound of a division by the resolution [cells]
+SHORTEST_PART = 3  # least number of moves between two probed poses
 # Index of a cell that is uncertain because the pose is too close to a border
 AT_BORDER = -(1 << 40)
-
-
-class MapVelocity(NamedTuple):
-    """Velocity of the base in the axes of the map, at the heading of the start."""
-
-    vx: float  # [m/s]
-    vy: float  # [m/s]
-    speed: float  # norm of (vx, vy) [m/s]
-    w: float  # [rad/s]
-
-
-class Arc(NamedTuple):
-    """Displacement in the axes of the map, and change of heading, after several equal moves."""
-
-    x: float  # [m]
-    y: float  # [m]
-    turn: Heading
 
 
 class Cells(NamedTuple):
@@ -78,39 +63,6 @@ class Limits(NamedTuple):
 
 UNCERTAIN = Cells(AT_BORDER, AT_BORDER, AT_BORDER, AT_BORDER)
 NO_SAMPLE = Limits(-1, -1, -1)
-
-
-@kernel
-def in_map(vx: float, vy: float, w: float, speed: float, heading: Heading) -> MapVelocity:
-    """Return a velocity of the base in the axes of the map. speed: its speed over ground [m/s]."""
-    map_vx = vx * heading.cos - vy * heading.sin
-    map_vy = vx * heading.sin + vy * heading.cos
-    return MapVelocity(map_vx, map_vy, speed, w)
-
-
-@kernel
-def arc(velocity: MapVelocity, turn: float, dt: float, moves: int) -> Arc:
-    """Return the motion after `moves` moves of dt [s] and `turn` [rad] each, at constant velocity.
-
-    |turn| must not exceed LARGEST_TURN.
-    """
-    # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
-    # several sides has the direction of the middle side, and by the law of sines the length
-    # side * sin(moves * half_turn) / sin(half_turn).
-    half_turn = 0.5 * turn
-    half_cos, half_sin = small_turn(half_turn)
-    middle_cos = math.cos((moves - 1) * half_turn)
-    middle_sin = math.sin((moves - 1) * half_turn)
-    # sine and cosine of moves * half_turn, half the change of heading
-    sin = middle_sin * half_cos + middle_cos * half_sin
-    cos = middle_cos * half_cos - middle_sin * half_sin
-    chord_sides = float(moves)
-    if half_turn != 0.0:
-        chord_sides = sin / half_sin
-    chord_time = dt * chord_sides
-    x = chord_time * (velocity.vx * middle_cos - velocity.vy * middle_sin)
-    y = chord_time * (velocity.vy * middle_cos + velocity.vx * middle_sin)
-    return Arc(x, y, Heading(1 - 2 * sin * sin, 2 * sin * cos))
 
 
 @kernel
@@ -145,7 +97,8 @@ def sure_end_cells(
     origin_x: float,
     origin_y: float,
     cells_per_metre: float,
-    velocity: MapVelocity,
+    sample: Velocity,
+    speed: float,
     steps: int,
 ) -> Cells:
     """Return the last point's cell and its nose's, on or off the map.
@@ -153,26 +106,25 @@ def sure_end_cells(
     Uncertain indices are AT_BORDER.
 
     heading: direction at the start. origin_x, origin_y: origin of the map [m]. cells_per_metre:
-    1 / resolution [1/m]. velocity: velocity at the start, which must be constant (use_dwa).
+    1 / resolution [1/m]. sample: velocity, which must be constant (use_dwa). speed: its speed over
+    ground [m/s].
     """
     dt = p.sim_time / steps
-    turn = velocity.w * dt
-    if abs(turn) > LARGEST_TURN:
+    if abs(sample.w * dt) > LARGEST_TURN:
         return UNCERTAIN
-    motion = arc(velocity, turn, dt, steps - 1)
-    position_error, turn_error = arc_errors(start, velocity.speed, velocity.w, p.sim_time, steps)
+    end = pose_after(arc_from(start.x, start.y, heading, sample, dt), steps - 1)
+    position_error, turn_error = arc_errors(start, speed, sample.w, p.sim_time, steps)
     margin = position_error * cells_per_metre + CELL_FORMULA
-    x_in_cells = (start.x + motion.x - origin_x) * cells_per_metre
-    y_in_cells = (start.y + motion.y - origin_y) * cells_per_metre
+    x_in_cells = (end.x - origin_x) * cells_per_metre
+    y_in_cells = (end.y - origin_y) * cells_per_metre
     end_x = sure_cell(x_in_cells, margin)
     end_y = sure_cell(y_in_cells, margin)
 
     # An error of the heading moves the nose, too.
     nose_offset = p.forward_point_distance
     margin += abs(nose_offset) * turn_error * cells_per_metre
-    end_heading = turned(heading, motion.turn)
-    nose_x = sure_cell(x_in_cells + nose_offset * end_heading.cos * cells_per_metre, margin)
-    nose_y = sure_cell(y_in_cells + nose_offset * end_heading.sin * cells_per_metre, margin)
+    nose_x = sure_cell(x_in_cells + nose_offset * end.heading.cos * cells_per_metre, margin)
+    nose_y = sure_cell(y_in_cells + nose_offset * end.heading.sin * cells_per_metre, margin)
     return Cells(end_x, end_y, nose_x, nose_y)
 
 
@@ -220,7 +172,7 @@ def fill_bounds(
     heading: Heading,
     scaled_footprint: Data,
 ) -> int:
-    """Fill bounds, keys and heap of `scratch`, and return how many samples may win.
+    """Fill the bounds and the heap of `scratch`, and return how many samples may win.
 
     heading: direction at the start. scaled_footprint: buffer for the footprint (n, 2).
     """
@@ -228,8 +180,8 @@ def fill_bounds(
     sampled_vx = scratch.sampled_vx
     sampled_vy = scratch.sampled_vy
     sampled_w = scratch.sampled_w
-    keys = scratch.keys
     bounds = scratch.bounds
+    known_of = scratch.known
     heap = scratch.heap
     is_probed = scratch.is_probed
     start = scratch.start[0]
@@ -316,9 +268,16 @@ def fill_bounds(
                 if by_end or by_nose:
                     cells = UNCERTAIN
                     if p.use_dwa:
-                        velocity = in_map(vx, vy, w, speed, heading)
                         cells = sure_end_cells(
-                            p, start, heading, origin_x, origin_y, cells_per_metre, velocity, steps
+                            p,
+                            start,
+                            heading,
+                            origin_x,
+                            origin_y,
+                            cells_per_metre,
+                            Velocity(vx, vy, w),
+                            speed,
+                            steps,
                         )
                     if min(cells.end_x, cells.end_y, cells.nose_x, cells.nose_y) == AT_BORDER:
                         cells = exact_end_cells(p, scene, start, Velocity(vx, vy, w), steps)
@@ -354,17 +313,14 @@ def fill_bounds(
                                 )
 
                 sample_number = (ix * axis_counts.vy + iy) * axis_counts.w + iw
-                bound = bounds[sample_number]
-                bound.front = front_distance
-                bound.alignment = alignment_distance
-                bound.path = path_distance
-                bound.goal = goal_distance
-                bound.obstacle = obstacle_cost
-                keys[sample_number] = weighted_sum(p, obstacle_cost, bound, stored_velocity.w)
-                is_probed[sample_number] = 0
-                heap[sample_count] = sample_number
-                sample_count += 1
-    order_heap(heap, keys, sample_count)
+                known = known_of[sample_number]
+                known.front = front_distance
+                known.alignment = alignment_distance
+                known.path = path_distance
+                known.goal = goal_distance
+                known.obstacle = obstacle_cost
+                cost_bound = lower_bound(p, known, stored_velocity)
+                sample_count = add(bounds, heap, is_probed, sample_count, sample_number, cost_bound)
     return sample_count
 
 
@@ -402,15 +358,13 @@ def _limits_from_here(
         if nose_x < 0:
             return NO_SAMPLE
 
-    # A diagonal metre is up to 1.42 m of 4-connected steps, and detours around obstacles are
-    # longer.
     speed_x = max(abs(p.max_vel_x), abs(p.min_vel_x))
     speed_y = max(abs(p.max_vel_y), abs(p.min_vel_y))
     speed = speed_x + speed_y
     if p.max_vel_trans >= 0:
         speed = min(speed, p.max_vel_trans)
-    travel_cells = (speed * p.sim_time + 2 * abs(nose_offset)) / scene.resolution
-    reach = int(min(3.0 * travel_cells, float(cell_count))) + 8
+    travel = speed * p.sim_time + 2 * abs(nose_offset)
+    reach = flood_reach(travel, scene.resolution, cell_count)
     front_distance = 0
     if by_goal:
         front_distance = min(
@@ -420,7 +374,7 @@ def _limits_from_here(
 
 
 @kernel(error_model="numpy")
-def probe(
+def probe_sample(
     p: Record,
     scene: Scene,
     scaled_footprint: Data,
@@ -428,45 +382,23 @@ def probe(
     heading: Heading,
     sample: Velocity,
     obstacle_cost: int,
-    cost_limit: int,
+    cost_limit: float,
 ) -> int:
-    """Return a lower bound of the obstacle cost from a few poses, or -1 if one is illegal.
+    """Return a lower bound of a sample's obstacle cost from a few poses, see search.arcs.probe.
 
-    The poses are the last one, then those at halves, quarters and eighths of the way: a sample that
-    fails does so most often at its end. The bound starts from `obstacle_cost`, and the probe ends
-    once it exceeds `cost_limit`. scaled_footprint: footprint (n, 2) at the sample's speed.
-    heading: direction at the start.
+    scaled_footprint: footprint (n, 2) at the sample's speed. heading: direction at the start.
     """
     steps = samples.step_count(p, sample)
     dt = p.sim_time / steps
-    turn = sample.w * dt
-    if not p.use_dwa or abs(turn) > LARGEST_TURN or scaled_footprint.shape[0] < 3:
+    if not p.use_dwa or abs(sample.w * dt) > LARGEST_TURN or scaled_footprint.shape[0] < 3:
         return obstacle_cost
     speed = ground_speed(sample.vx, sample.vy)
     position_error, turn_error = arc_errors(start, speed, sample.w, p.sim_time, steps)
     reach = _reach(scaled_footprint)
     margin = (position_error + turn_error * reach) / scene.resolution + CELL_FORMULA
-    velocity = in_map(sample.vx, sample.vy, sample.w, speed, heading)
+    arc = arc_from(start.x, start.y, heading, sample, dt)
     outline = outline_of(scene, scaled_footprint)
-    moves = steps - 1
-    part_count = 1
-    while part_count <= 8 and moves // part_count >= 3:
-        # The even parts belong to the coarser division before.
-        for i in range(1, part_count + 1, 2):
-            motion = arc(velocity, turn, dt, moves * i // part_count)
-            x = start.x + motion.x
-            y = start.y + motion.y
-            probed_heading = turned(heading, motion.turn)
-            cost = outline_cost(outline, x, y, probed_heading.cos, probed_heading.sin, 0, 0, margin)
-            if cost == UNSURE:
-                continue
-            if cost < 0:
-                return -1
-            obstacle_cost = max(obstacle_cost, cost)
-            if obstacle_cost > cost_limit:
-                return obstacle_cost
-        part_count *= 2
-    return obstacle_cost
+    return probe(outline, arc, steps - 1, SHORTEST_PART, margin, obstacle_cost, cost_limit)
 
 
 @kernel

@@ -11,15 +11,8 @@ import numpy as np
 
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.dwa.critics import (
-    CRITICS,
-    Samples,
-    clear,
-    remember,
-    score_all_samples,
-    total_cost,
-    weights,
-)
+from applr_ros1.planner.dwa.critics import CRITICS, weights
+from applr_ros1.planner.dwa.critics.oscillation import clear, remember
 from applr_ros1.planner.dwa.records import (
     FRONT,
     GOAL,
@@ -33,6 +26,7 @@ from applr_ros1.planner.dwa.records import (
 )
 from applr_ros1.planner.dwa.samples import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.search import find_best, prepare
+from applr_ros1.planner.dwa.total_cost import Samples, score_all_samples, total_cost
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
 from applr_ros1.planner.sampling_planner import (
     Choice,

@@ -8,18 +8,18 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
 from applr_ros1.planner.distance_grid import Grid
+from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
+from applr_ros1.planner.parameters.parameter import RESTORE
 from applr_ros1.planner.sampling_planner import START, record
 
-# Parameters of the planner in one record [m, rad, s]. acc_lim_* are float32 values. path_scale and
-# goal_scale are the two distance weights per cell. alignment_scale is path_scale or, near the goal,
-# 0.
+REALS = " ".join(p.name for p in DWA_PLANNER if p.type == "double")
+INTEGERS = " ".join(p.name for p in DWA_PLANNER if p.type in ("int", "bool") and p is not RESTORE)
+# Parameters of the server in one record [m, rad, s], and values derived from them. acc_lim_* are
+# float32 values. path_scale and goal_scale are the two distance weights per cell. alignment_scale
+# is path_scale or, near the goal, 0.
 PARAMETERS = record(
-    "max_vel_trans min_vel_trans max_vel_x min_vel_x max_vel_y min_vel_y max_vel_theta "
-    "min_vel_theta acc_lim_x acc_lim_y acc_lim_theta sim_time sim_granularity "
-    "angular_sim_granularity path_distance_bias goal_distance_bias occdist_scale twirling_scale "
-    "oscillation_reset_dist oscillation_reset_angle forward_point_distance scaling_speed "
-    "max_scaling_factor path_scale goal_scale alignment_scale sim_period cheat_factor",
-    "vx_samples vy_samples vth_samples use_dwa sum_scores",
+    f"{REALS} path_scale goal_scale alignment_scale sim_period cheat_factor",
+    f"{INTEGERS} sum_scores",
 )
 
 # Oscillation flags, and the pose (float32 values) at which a flag was last set. Per axis, *_only
@@ -36,10 +36,10 @@ STATE = record(
 # critic reads. The row is PATH while the critic is on, because both grids are then the same.
 FACTS = record("", "flooded alignment_row")
 
-# Lower bounds of a sample's values for the critics that look at the map: distances on the four
-# grids [cells], and the obstacle cost. 32 bits keep the table of some ten thousand samples in the
-# cache.
-BOUNDS = np.dtype([(name, np.int32) for name in ("front", "alignment", "path", "goal", "obstacle")])
+# What is known of a sample before its roll-out, for the bounds of the critics: lower bounds of the
+# distances on the four grids at its end [cells], and of its obstacle cost. 32 bits keep the table
+# of some ten thousand samples in the cache.
+KNOWN = np.dtype([(name, np.int32) for name in ("front", "alignment", "path", "goal", "obstacle")])
 
 
 class Scene(NamedTuple):
@@ -75,10 +75,10 @@ class Scratch(NamedTuple):
     sampled_vx: Data  # sampled values of vx [m/s]
     sampled_vy: Data  # sampled values of vy [m/s]
     sampled_w: Data  # sampled values of w [rad/s]
-    keys: Data  # lower bounds of the samples' costs
-    bounds: Data  # BOUNDS of the samples
-    heap: Data  # numbers of the samples, lowest key first
-    is_probed: Data  # whether bounds.probe has tested a sample
+    known: Data  # KNOWN of the samples
+    bounds: Data  # see search.best_first.next_step
+    heap: Data
+    is_probed: Data
     start: Data  # array of one START record: pose and velocity, rounded to float32
 
 
@@ -114,8 +114,8 @@ def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scra
         sampled_vx=sampled_vx,
         sampled_vy=sampled_vy,
         sampled_w=sampled_w,
-        keys=np.zeros(sample_count),
-        bounds=np.zeros(sample_count, BOUNDS),
+        known=np.zeros(sample_count, KNOWN),
+        bounds=np.zeros(sample_count),
         heap=np.zeros(sample_count, np.int64),
         is_probed=np.zeros(sample_count, np.uint8),
         start=np.zeros(1, START),

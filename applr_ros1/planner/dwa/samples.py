@@ -58,7 +58,7 @@ def sample_axes(p: Record, scratch: Scratch, plan: Data) -> SampleCounts:
     return SampleCounts(vx_count, vy_count, w_count)
 
 
-@kernel
+@kernel(inline="always")
 def sample_of(scratch: Scratch, axis_counts: SampleCounts, number: int) -> Velocity:
     """Return the sample with this number."""
     vx = scratch.sampled_vx[number // (axis_counts.w * axis_counts.vy)]

@@ -2,7 +2,7 @@
 
 Called by planner.py. A cycle begins by rounding the pose and starting the four distance grids
 (section 3 of docs/explanation/planner_dwa.md). Samples wait in a heap, ordered by a lower bound of
-their cost (bounds.py). The critics (critics.py) evaluate the sample with the lowest bound, until no
+their cost (bounds.py). The critics (critics/) evaluate the sample with the lowest bound, until no
 bound beats the best cost. The choice equals that of the C++ planner to the last bit.
 """
 
@@ -14,9 +14,9 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.distance_grid import place, reset, start_at, start_at_plan
-from applr_ros1.planner.dwa import critics
-from applr_ros1.planner.dwa.bounds import fill_bounds, probe
-from applr_ros1.planner.dwa.critics import HUGE, NOTHING_LEGAL, weighted_sum
+from applr_ros1.planner.dwa.bounds import fill_bounds, probe_sample
+from applr_ros1.planner.dwa.critics import lower_bound, oscillation
+from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
 from applr_ros1.planner.dwa.records import (
     ALIGNMENT,
     FRONT,
@@ -36,16 +36,16 @@ from applr_ros1.planner.dwa.samples import (
     sample_of,
     step_count,
 )
+from applr_ros1.planner.dwa.total_cost import NOTHING_LEGAL, total_cost
 from applr_ros1.planner.sampling_planner import (
     Record,
     Triple,
     Velocity,
-    drop_first,
     heading_of,
-    sift_down,
     take_start,
     through_quaternion,
 )
+from applr_ros1.planner.search.best_first import HUGE, Step, first_step, next_step
 
 
 @kernel
@@ -109,9 +109,6 @@ def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligne
     start_at_plan(grid_of(grids, FRONT), scene, nose_plan, False)
 
 
-NO_LIMIT = 1 << 60  # obstacle cost that no probe exceeds
-
-
 class Winner(NamedTuple):
     """Result of a cycle's search. A negative cost means no valid command."""
 
@@ -144,87 +141,73 @@ def find_best(
     start = scratch.start[0]
     begin_floods(p, grids, start, scene, is_aligned)
     axis_counts = sample_axes(p, scratch, scene.plan)
-    best_sample = _lowest(p, state[0], grids, scratch, scene, axis_counts)
-    if best_sample.number < 0:
+    last_step = _search(p, state[0], grids, scratch, scene, axis_counts)
+    if last_step.best_number < 0:
         standstill = Velocity(0.0, 0.0, 0.0)
         return Winner(NOTHING_LEGAL, -1, 0, standstill, standstill, 0.0, is_aligned)
 
-    sample = sample_of(scratch, axis_counts, best_sample.number)
+    sample = sample_of(scratch, axis_counts, last_step.best_number)
     steps = step_count(p, sample)
     stored_velocity = commanded(p, start, sample, steps)
-    critics.remember(p, state[0], start, stored_velocity)
+    oscillation.remember(p, state[0], start, stored_velocity)
     command_w = through_quaternion(stored_velocity.w)
     return Winner(
-        best_sample.cost, best_sample.number, steps, sample, stored_velocity, command_w, is_aligned
+        cost=last_step.best_cost,
+        number=last_step.best_number,
+        steps=steps,
+        sample=sample,
+        stored=stored_velocity,
+        command_w=command_w,
+        is_aligned=is_aligned,
     )
 
 
-class Best(NamedTuple):
-    """First sample of lowest cost."""
-
-    cost: float  # HUGE if no sample is legal
-    number: int  # -1 if no sample is legal
-
-
 @kernel(error_model="numpy")
-def _lowest(
+def _search(
     p: Record,
     state: Record,
     grids: Grids,
     scratch: Scratch,
     scene: Scene,
     axis_counts: SampleCounts,
-) -> Best:
-    """Return the first sample of lowest cost."""
-    keys = scratch.keys
+) -> Step:
+    """Return the last step of the search for the first sample of lowest cost."""
+    bounds = scratch.bounds
     heap = scratch.heap
+    is_probed = scratch.is_probed
+    known_of = scratch.known
     start = scratch.start[0]
     heading = heading_of(start.theta)
     scaled_footprint = np.empty_like(scene.footprint)
-    waiting_count = fill_bounds(
+    sample_count = fill_bounds(
         p, state, grids, scratch, scene, axis_counts, heading, scaled_footprint
     )
-    best_sample = Best(HUGE, -1)
-    while waiting_count > 0:
-        sample_number = heap[0]
-        # All other samples have higher bounds, or equal ones and higher numbers.
-        if keys[sample_number] > best_sample.cost or (
-            keys[sample_number] == best_sample.cost and sample_number > best_sample.number
-        ):
-            break
-        sample = sample_of(scratch, axis_counts, sample_number)
+    step = first_step(bounds, heap, is_probed, sample_count)
+    while step.number >= 0:
+        sample = sample_of(scratch, axis_counts, step.number)
         steps = step_count(p, sample)
         stored_velocity = commanded(p, start, sample, steps)
-
-        # Raise the bound with a few poses before the whole trajectory is rolled out.
-        is_legal = True
-        if p.occdist_scale != 0.0 and not scratch.is_probed[sample_number]:
-            scratch.is_probed[sample_number] = 1
-            bound = scratch.bounds[sample_number]
-            cost_limit = NO_LIMIT
-            if best_sample.cost < HUGE:
-                other_critics = weighted_sum(p, 0.0, bound, stored_velocity.w)
-                cost_limit = int(min((best_sample.cost - other_critics) / p.occdist_scale, 1e9)) + 1
-            scale = critics.footprint_scale(p, ground_speed(stored_velocity.vx, stored_velocity.vy))
-            critics.scale_footprint(scene.footprint, scale, scaled_footprint)
-            obstacle_cost = probe(
-                p, scene, scaled_footprint, start, heading, sample, bound.obstacle, cost_limit
-            )
-            if obstacle_cost > bound.obstacle:
-                keys[sample_number] = weighted_sum(p, obstacle_cost, bound, stored_velocity.w)
-                sift_down(heap, keys, waiting_count, 0)
-                continue
-            is_legal = obstacle_cost >= 0
-
-        if is_legal:
+        if step.is_exact:
             points = np.empty((steps, 3))
             roll_out(p, start, sample, points)
-            cost, _ = critics.total_cost(
-                p, state, scene, grids, points, stored_velocity, best_sample.cost
-            )
-            if 0 <= cost < best_sample.cost or (
-                cost == best_sample.cost and sample_number < best_sample.number
-            ):
-                best_sample = Best(cost, sample_number)
-        waiting_count = drop_first(heap, keys, waiting_count)
-    return best_sample
+            answer, _ = total_cost(p, state, scene, grids, points, stored_velocity, step.best_cost)
+        else:
+            # A closer bound from a few poses, before the whole trajectory is rolled out
+            known = known_of[step.number]
+            answer = bounds[step.number]
+            if p.occdist_scale != 0.0:
+                cost_limit = HUGE
+                if step.best_cost < HUGE:
+                    raise_limit = (step.best_cost - answer) / p.occdist_scale
+                    cost_limit = known.obstacle + raise_limit + 1.0
+                speed = ground_speed(stored_velocity.vx, stored_velocity.vy)
+                scale_footprint(scene.footprint, footprint_scale(p, speed), scaled_footprint)
+                obstacle_cost = probe_sample(
+                    p, scene, scaled_footprint, start, heading, sample, known.obstacle, cost_limit
+                )
+                answer = -1.0
+                if obstacle_cost >= 0:
+                    known.obstacle = obstacle_cost
+                    answer = lower_bound(p, known, stored_velocity)
+        step = next_step(bounds, heap, is_probed, step, answer)
+    return step

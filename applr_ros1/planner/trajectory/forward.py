@@ -1,12 +1,8 @@
 """Search for the best forward sample of a cycle without rolling out the samples that cannot win.
 
-Called by sampling.py. Samples wait in a heap, ordered by a lower bound of their cost. The sample
-with the lowest bound is scored next, and the search ends when no bound beats the best cost. See
-docs/explanation/planner.md, section 6.4.
-
-Poses for bounds come from closed forms, which differ from the exact poses by rounding errors. A
-cell is therefore used only if the pose is far enough from a cell border. A bound never exceeds the
-exact cost, and no result depends on the closed forms.
+Called by sampling.py. The search is search/best_first.py; here are the samples and the two bounds
+of their cost, from the last point and from a few poses. See docs/explanation/planner.md, section
+6.4.
 """
 
 import math
@@ -14,31 +10,25 @@ from typing import NamedTuple, Tuple
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint_cost import (
-    UNSURE,
-    on_border,
-    outline_cost,
-    outline_of,
-)
+from applr_ros1.planner.costmap.footprint_cost import on_border, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, place
-from applr_ros1.planner.sampling_planner import (
+from applr_ros1.planner.sampling_planner import Heading, Record, Velocity, heading_of, turned
+from applr_ros1.planner.search.arcs import (
     LARGEST_TURN,
-    Heading,
-    Record,
-    Velocity,
-    drop_first,
-    heading_of,
-    order_heap,
-    sift_down,
+    arc_from,
+    flood_reach,
+    pose_after,
+    probe,
     small_turn,
-    turned,
 )
+from applr_ros1.planner.search.best_first import HUGE, add, first_step, next_step
 from applr_ros1.planner.trajectory import scoring
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
-from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, accelerated, step_count
+from applr_ros1.planner.trajectory.scoring import NO_CEILING, accelerated, step_count
 
 MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed forms err by 1e-10
+SHORTEST_PART = 8  # least number of moves between two probed poses
 
 
 class Ground(NamedTuple):
@@ -60,8 +50,15 @@ class Ramp(NamedTuple):
     heading: Heading
 
 
-class Best(NamedTuple):
-    """Best sample so far."""
+class FloodLimits(NamedTuple):
+    """Distances [cells] up to which the grids are flooded for the bounds."""
+
+    path: int
+    goal: int
+
+
+class BestSample(NamedTuple):
+    """Best forward sample or turn so far."""
 
     cost: float  # HUGE if no sample is legal
     vx: float  # [m/s], 0 for a turn in place
@@ -98,29 +95,6 @@ def ramp(
 
 
 @kernel
-def along_arc(from_: Ramp, length: float, turn: float, n: int) -> Tuple[float, float]:
-    """Return the position (x, y) after n moves of `length` [m] and `turn` [rad] each.
-
-    |turn| must not exceed LARGEST_TURN.
-    """
-    # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
-    # n sides has the direction of the middle side, and by the law of sines it is as long as
-    # sin(n * half_turn) / sin(half_turn) sides.
-    half_turn = 0.5 * turn
-    half_cos, half_sin = small_turn(half_turn)
-    middle_cos = math.cos((n - 1) * half_turn)
-    middle_sin = math.sin((n - 1) * half_turn)
-    chord_sides = float(n)
-    if half_turn != 0.0:
-        chord_sides = (middle_sin * half_cos + middle_cos * half_sin) / half_sin
-    chord_length = length * chord_sides
-    heading = from_.heading
-    x = from_.x + chord_length * (heading.cos * middle_cos - heading.sin * middle_sin)
-    y = from_.y + chord_length * (heading.sin * middle_cos + heading.cos * middle_sin)
-    return x, y
-
-
-@kernel
 def exact_end(p: Record, start: Record, sample: Velocity, steps: int) -> Tuple[float, float]:
     """Return (x, y) of the last scored point, computed step by step as in scoring.score_below."""
     dt = p.sim_time / steps
@@ -146,62 +120,20 @@ def end_cell(
     origin_x, origin_y, resolution, columns, rows = ground
     steps = step_count(p, sample)
     dt = p.sim_time / steps
-    turn = sample.w * dt
     x = y = 0.0
     # Near the border of a cell, a closed form may fall into the neighbouring one.
-    is_sure = abs(turn) <= LARGEST_TURN
+    is_sure = abs(sample.w * dt) <= LARGEST_TURN
     if is_sure:
         ramp_end = ramp(p, start, heading, sample, dt, steps - 1)
-        x, y = along_arc(ramp_end, sample.vx * dt, turn, steps - 1 - ramp_end.moves)
+        arc = arc_from(ramp_end.x, ramp_end.y, ramp_end.heading, sample, dt)
+        end = pose_after(arc, steps - 1 - ramp_end.moves)
+        x = end.x
+        y = end.y
         x_at_border = on_border((x - origin_x) / resolution, MARGIN)
         is_sure = not (x_at_border or on_border((y - origin_y) / resolution, MARGIN))
     if not is_sure:
         x, y = exact_end(p, start, sample, steps)
     return world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
-
-
-@kernel(error_model="numpy")
-def probe(
-    p: Record,
-    scene: Scene,
-    start: Record,
-    heading: Heading,
-    sample: Velocity,
-    obstacle_cost: int,
-    cost_limit: float,
-) -> int:
-    """Return a lower bound of the obstacle cost from a few poses, or -1 if one is illegal.
-
-    The poses are the last one, then those at halves, quarters and eighths of the way: a sample that
-    fails does so most often at its end. The bound starts from `obstacle_cost`, and the probe ends
-    once it exceeds `cost_limit`. heading: direction at the start.
-    """
-    steps = step_count(p, sample)
-    dt = p.sim_time / steps
-    turn = sample.w * dt
-    # Round robots have no outline, and their centre costs little to test in the roll-out.
-    if abs(turn) > LARGEST_TURN or scene.footprint.shape[0] < 3:
-        return obstacle_cost
-    ramp_end = ramp(p, start, heading, sample, dt, steps - 1)
-    outline = outline_of(scene, scene.footprint)
-    moves = steps - 1 - ramp_end.moves  # moves at the sample's velocity
-    part_count = 1
-    while part_count <= 8 and moves // part_count >= 8:
-        # The even parts belong to the coarser division before.
-        for i in range(1, part_count + 1, 2):
-            probed_moves = moves * i // part_count
-            x, y = along_arc(ramp_end, sample.vx * dt, turn, probed_moves)
-            probed_heading = turned(ramp_end.heading, heading_of(probed_moves * turn))
-            cost = outline_cost(outline, x, y, probed_heading.cos, probed_heading.sin, 0, 0, MARGIN)
-            if cost == UNSURE:
-                continue
-            if cost < 0:
-                return -1
-            obstacle_cost = max(obstacle_cost, cost)
-            if obstacle_cost > cost_limit:
-                return obstacle_cost
-        part_count *= 2
-    return obstacle_cost
 
 
 @kernel(error_model="numpy")
@@ -214,64 +146,46 @@ def best_forward(
     speeds: Data,
     turn_rates: Data,
     obstacle_cost: int,
-) -> Best:
+) -> BestSample:
     """Return the best forward sample. Among equal costs, the first sample wins.
 
     Each speed is combined first with w = 0, then with all turn rates but the last, as in C++.
     obstacle_cost: cost at the first pose, which all samples share.
     """
     base_costs = scratch.base_costs
-    keys = scratch.keys
+    bounds = scratch.bounds
     heap = scratch.heap
     is_probed = scratch.is_probed
     turn_count = turn_rates.shape[0]
     heading = heading_of(start.theta)
-    waiting_count = _bound(p, scene, grids, scratch, start, speeds, turn_rates, obstacle_cost)
-    best_sample = Best(HUGE, 0.0, 0.0, 0)
-    best_number = 0
-    while waiting_count > 0:
-        sample_number = heap[0]
-        # All other samples have higher bounds, or equal ones and higher numbers.
-        if keys[sample_number] > best_sample.cost or (
-            keys[sample_number] == best_sample.cost and sample_number > best_number
-        ):
-            break
+    sample_count = _bound(p, scene, grids, scratch, start, speeds, turn_rates, obstacle_cost)
+    best_sample = BestSample(HUGE, 0.0, 0.0, 0)
+    step = first_step(bounds, heap, is_probed, sample_count)
+    while step.number >= 0:
         sample = scoring.forward_sample(
-            speeds, turn_rates, sample_number // turn_count, sample_number % turn_count
+            speeds, turn_rates, step.number // turn_count, step.number % turn_count
         )
-
-        # Raise the bound with a few poses before the whole trajectory is rolled out.
-        is_legal = True
-        if not is_probed[sample_number]:
-            is_probed[sample_number] = 1
-            cost_limit = float(NO_CEILING)
-            if best_sample.cost < HUGE:
-                cost_limit = (best_sample.cost - base_costs[sample_number]) / p.occdist_scale + 1.0
-            raised_cost = probe(p, scene, start, heading, sample, obstacle_cost, cost_limit)
-            if raised_cost > obstacle_cost:
-                keys[sample_number] = base_costs[sample_number] + p.occdist_scale * raised_cost
-                sift_down(heap, keys, waiting_count, 0)
-                continue
-            is_legal = raised_cost >= 0
-
-        if is_legal:
+        base_cost = base_costs[step.number]
+        if step.is_exact:
             sample_score = scoring.score_below(
-                p,
-                scene,
-                grids,
-                start,
-                sample,
-                NO_CEILING,
-                base_costs[sample_number],
-                best_sample.cost,
+                p, scene, grids, start, sample, NO_CEILING, base_cost, step.best_cost
             )
-            cost = sample_score.cost
-            if 0 <= cost < best_sample.cost or (
-                cost == best_sample.cost and sample_number < best_number
-            ):
-                best_sample = Best(cost, sample.vx, sample.w, sample_score.point_count)
-                best_number = sample_number
-        waiting_count = drop_first(heap, keys, waiting_count)
+            answer = sample_score.cost
+        else:
+            # A closer bound from a few poses, before the whole trajectory is rolled out
+            cost_limit = float(NO_CEILING)
+            if step.best_cost < HUGE:
+                cost_limit = (step.best_cost - base_cost) / p.occdist_scale + 1.0
+            raised_cost = probe_sample(p, scene, start, heading, sample, obstacle_cost, cost_limit)
+            answer = -1.0
+            if raised_cost >= 0:
+                answer = base_cost + p.occdist_scale * raised_cost
+        step = next_step(bounds, heap, is_probed, step, answer)
+    if step.best_number >= 0:
+        sample = scoring.forward_sample(
+            speeds, turn_rates, step.best_number // turn_count, step.best_number % turn_count
+        )
+        best_sample = BestSample(step.best_cost, sample.vx, sample.w, step_count(p, sample))
     return best_sample
 
 
@@ -286,14 +200,13 @@ def _bound(
     turn_rates: Data,
     obstacle_cost: int,
 ) -> int:
-    """Fill base_costs, keys and heap of `scratch`, and return the number of samples that may win.
+    """Fill the queue and base_costs of `scratch`, and return the number of samples that may win.
 
-    The floods continue until they reach the samples' last cells, but only little beyond the robot's
-    range, because cells behind walls might require a flood of the whole map.
+    The bound is the cost at the last point, with the first pose's obstacle cost.
     """
     # Members of tuples are taken out of the loops, because numba counts references at each access.
     base_costs = scratch.base_costs
-    keys = scratch.keys
+    bounds = scratch.bounds
     heap = scratch.heap
     is_probed = scratch.is_probed
     path_grid = grids.path
@@ -306,22 +219,12 @@ def _bound(
     # With these options only the obstacle term is known before the roll-out.
     by_distances = not p.simple_attractor and not p.heading_scoring
 
-    # Flood to what the robot can reach in sim_time: a diagonal metre is up to 1.42 m of 4-connected
-    # steps, and detours around obstacles are longer.
     heading = heading_of(start.theta)
-    fastest_sample = max(abs(speeds[0]), abs(speeds[-1]))  # The speeds are in ascending order.
-    speed = max(abs(start.vx), fastest_sample) + abs(start.vy)
-    travel_cells = speed * p.sim_time / scene.resolution
-    reach = int(min(3.0 * travel_cells, float(cell_count))) + 8
-    cell_x = int((start.x - scene.ox) / scene.resolution)
-    cell_y = int((start.y - scene.oy) / scene.resolution)
-    start_index = place(path_grid, cell_x, cell_y)
-    path_limit = min(int(path_distances[start_index]), cell_count) + reach
-    goal_limit = min(int(goal_distances[start_index]), cell_count) + reach
-
-    sample_count = 0
+    limits = _flood_limits(p, scene, grids, start, speeds)
+    turn_count = turn_rates.shape[0]
+    waiting_count = 0
     for speed_number in range(speeds.shape[0]):
-        for turn_number in range(turn_rates.shape[0]):
+        for turn_number in range(turn_count):
             base_cost = 0.0
             if by_distances:
                 sample = scoring.forward_sample(speeds, turn_rates, speed_number, turn_number)
@@ -333,17 +236,58 @@ def _bound(
                 goal_distance = int(goal_distances[end_index])
                 # A value above the number of cells means that the flood has not come that far.
                 if path_distance > cell_count:
-                    path_distance = at_least(path_grid, end_index, path_limit)
+                    path_distance = at_least(path_grid, end_index, limits.path)
                 if goal_distance > cell_count:
-                    goal_distance = at_least(goal_grid, end_index, goal_limit)
+                    goal_distance = at_least(goal_grid, end_index, limits.goal)
                 if path_distance >= cell_count or goal_distance >= cell_count:
                     continue
                 base_cost = scoring.terms(p, float(path_distance), float(goal_distance))
-            sample_number = speed_number * turn_rates.shape[0] + turn_number
-            base_costs[sample_number] = base_cost
-            keys[sample_number] = base_cost + p.occdist_scale * obstacle_cost
-            is_probed[sample_number] = 0
-            heap[sample_count] = sample_number
-            sample_count += 1
-    order_heap(heap, keys, sample_count)
-    return sample_count
+            number = speed_number * turn_count + turn_number
+            base_costs[number] = base_cost
+            bound = base_cost + p.occdist_scale * obstacle_cost
+            waiting_count = add(bounds, heap, is_probed, waiting_count, number, bound)
+    return waiting_count
+
+
+@kernel(error_model="numpy")
+def _flood_limits(
+    p: Record, scene: Scene, grids: Grids, start: Record, speeds: Data
+) -> FloodLimits:
+    """Return the distances for what the robot can reach within sim_time."""
+    rows, columns = scene.cells.shape
+    cell_count = columns * rows
+    fastest_sample = max(abs(speeds[0]), abs(speeds[-1]))  # The speeds are in ascending order.
+    speed = max(abs(start.vx), fastest_sample) + abs(start.vy)
+    reach = flood_reach(speed * p.sim_time, scene.resolution, cell_count)
+    cell_x = int((start.x - scene.ox) / scene.resolution)
+    cell_y = int((start.y - scene.oy) / scene.resolution)
+    start_index = place(grids.path, cell_x, cell_y)
+    path_distance = min(int(grids.path.distance[start_index]), cell_count)
+    goal_distance = min(int(grids.goal.distance[start_index]), cell_count)
+    return FloodLimits(path_distance + reach, goal_distance + reach)
+
+
+@kernel(error_model="numpy")
+def probe_sample(
+    p: Record,
+    scene: Scene,
+    start: Record,
+    heading: Heading,
+    sample: Velocity,
+    obstacle_cost: int,
+    cost_limit: float,
+) -> int:
+    """Return a lower bound of a sample's obstacle cost from a few poses, see search.arcs.probe.
+
+    heading: direction at the start.
+    """
+    steps = step_count(p, sample)
+    dt = p.sim_time / steps
+    # Round robots have no outline, and their centre costs little to test in the roll-out.
+    if abs(sample.w * dt) > LARGEST_TURN or scene.footprint.shape[0] < 3:
+        return obstacle_cost
+    ramp_end = ramp(p, start, heading, sample, dt, steps - 1)
+    arc_moves = steps - 1 - ramp_end.moves
+    arc = arc_from(ramp_end.x, ramp_end.y, ramp_end.heading, sample, dt)
+    outline = outline_of(scene, scene.footprint)
+    return probe(outline, arc, arc_moves, SHORTEST_PART, MARGIN, obstacle_cost, cost_limit)

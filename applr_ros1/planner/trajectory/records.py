@@ -54,9 +54,9 @@ class Scratch(NamedTuple):
     speeds: Data  # sampled values of vx (vx_samples,) [m/s]
     turn_rates: Data  # sampled values of w (vtheta_samples,) [rad/s]
     base_costs: Data  # lower bounds of the path and goal terms of the samples' costs
-    keys: Data  # lower bounds of the samples' costs
-    heap: Data  # numbers of the samples, lowest key first
-    is_probed: Data  # whether forward.probe has tested a sample
+    bounds: Data  # see search.best_first.Queue
+    heap: Data
+    is_probed: Data
     start: Data  # array of one START record: pose and velocity at which all samples start
 
 
@@ -76,7 +76,7 @@ def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
         speeds=np.zeros(vx_samples),
         turn_rates=np.zeros(vtheta_samples),
         base_costs=np.zeros(sample_count),
-        keys=np.zeros(sample_count),
+        bounds=np.zeros(sample_count),
         heap=np.zeros(sample_count, np.int64),
         is_probed=np.zeros(sample_count, np.uint8),
         start=np.zeros(1, START),

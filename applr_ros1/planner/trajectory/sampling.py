@@ -37,12 +37,12 @@ from applr_ros1.planner.sampling_planner import (
     take_start,
     through_quaternion,
 )
+from applr_ros1.planner.search.best_first import HUGE
 from applr_ros1.planner.trajectory import scoring
-from applr_ros1.planner.trajectory.forward import Best, best_forward
+from applr_ros1.planner.trajectory.forward import BestSample, best_forward
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 from applr_ros1.planner.trajectory.scoring import (
     COLLISION,
-    HUGE,
     NO_CEILING,
     NO_PATH,
     new_velocity,
@@ -104,8 +104,8 @@ def best_in_place(
     turn_rates: Data,
     turn_rate_step: float,
     obstacle_cost: int,
-    best_sample: Best,
-) -> Best:
+    best_sample: BestSample,
+) -> BestSample:
     """Return the turn in place that replaces the best forward sample, or that sample if none does.
 
     A turn must not cost more than the best sample or turn so far, must be faster than the step of
@@ -155,7 +155,7 @@ def best_in_place(
             p, scene, grids, start, sample, ceiling, base_cost, best_sample.cost
         )
         if 0 <= turn_score.cost <= best_sample.cost:
-            best_sample = Best(turn_score.cost, 0.0, w, turn_score.point_count)
+            best_sample = BestSample(turn_score.cost, 0.0, w, turn_score.point_count)
             nearest_ahead = float(distance_ahead)
     return best_sample
 
@@ -281,7 +281,7 @@ def find_best_path(
         turn_rate_step = -np.inf if window.max_w < window.min_w else np.inf
 
     # Forward samples, except during an escape, then turns in place
-    best_sample = Best(HUGE, 0.0, 0.0, 0)
+    best_sample = BestSample(HUGE, 0.0, 0.0, 0)
     obstacle_cost = first_pose(p, scene, grids, start)
     if obstacle_cost >= 0:
         if not state[0].escaping:
@@ -297,7 +297,9 @@ def find_best_path(
     if not is_legal:
         escape_velocity = Velocity(p.escape_vel, 0.0, 0.0)
         escape_score = score_below(p, scene, grids, start, escape_velocity, NO_CEILING, 0.0, np.inf)
-        best_sample = Best(escape_score.cost, escape_velocity.vx, 0.0, escape_score.point_count)
+        best_sample = BestSample(
+            escape_score.cost, escape_velocity.vx, 0.0, escape_score.point_count
+        )
     remember(p, state[0], start, best_sample.cost, best_sample.vx, best_sample.w, is_legal)
     cost = best_sample.cost
     if cost == COLLISION:

@@ -23,13 +23,13 @@ from applr_ros1.planner.sampling_planner import (
     angle_difference,
     heading_of,
 )
+from applr_ros1.planner.search.best_first import HUGE
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 
 COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reached
 PRUNED = -3.0  # cost of a sample whose scoring stopped because the sample cannot beat the best one
 NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
-HUGE = float(np.finfo(np.float64).max)
 
 
 class Score(NamedTuple):

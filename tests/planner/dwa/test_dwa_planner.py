@@ -3,14 +3,19 @@ by critic.
 """
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from applr_ros1 import robots
-from applr_ros1.planner.dwa.critics import NOTHING_LEGAL
+from applr_ros1.planner.dwa import critics
+from applr_ros1.planner.dwa.critics import lower_bound
 from applr_ros1.planner.dwa.planner import DWAPlanner
+from applr_ros1.planner.dwa.records import KNOWN
+from applr_ros1.planner.dwa.total_cost import NOTHING_LEGAL
 from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.sampling_planner import Velocity
 from tests.support.scenes import open_map
 
 BURGER_FOOT = np.array(
@@ -92,6 +97,31 @@ def test_refusals_count_the_rejected_samples_by_critic():
     planner.reconfigure({"max_vel_trans": 0.01})
     planner.find_best_path(costmap, AHEAD, ORIGIN, twist)
     assert counted(planner) == {"samples": 6, "velocity limits": 6}
+
+
+def test_each_file_of_a_critic_is_in_all_lists():
+    files = {path.stem for path in Path(critics.__file__).parent.glob("*.py")}
+    assert files - {"__init__", "critic", "distance"} == set(critics.CRITICS)
+    assert len(critics.rows()) == len(set(critics.rows())) == critics.ALL
+
+
+def test_a_lower_bound_has_the_weights_of_the_cost():
+    """With the values as bounds, the bound is the cost."""
+    planner = DWAPlanner(dict(BURGER, twirling_scale=0.7), 0.1)
+    costmap = small_map()
+    costmap.cells[:] = 20
+    planner.find_best_path(costmap, [(0, 0), (1, 0.3)], ORIGIN, (0.1, 0, 0.2))
+    samples = planner.score_all_samples()
+    number = int(np.argmax(samples.costs))
+    values = dict(zip(critics.CRITICS, samples.critics[number]))
+    assert min(values[name] for name in critics.CRITICS if name != "oscillation") > 0
+    known = np.zeros(1, KNOWN)[0]
+    known["front"] = values["goal_front"]
+    for name in ("alignment", "path", "goal", "obstacle"):
+        known[name] = values[name]
+
+    velocity = Velocity(*samples.stored[number].tolist())
+    assert lower_bound(planner.in_force, known, velocity) == samples.costs[number]
 
 
 def test_a_reset_planner_equals_a_new_one():

@@ -11,6 +11,7 @@ import pytest
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.sampling_planner import Velocity, heading_of, start_record
+from applr_ros1.planner.search.arcs import arc_from, pose_after
 from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.planner.trajectory.records import STATE
@@ -51,10 +52,11 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
 
         # The robot accelerates for some steps, and then moves on an arc, which has a closed form.
         end_of_steps = forward.exact_end(parameters, start, sample, steps)
-        after_ramp = forward.ramp(parameters, start, heading, sample, dt, steps - 1)
-        end_on_arc = forward.along_arc(after_ramp, vx * dt, w * dt, steps - 1 - after_ramp.moves)
+        ramp_end = forward.ramp(parameters, start, heading, sample, dt, steps - 1)
+        arc = arc_from(ramp_end.x, ramp_end.y, ramp_end.heading, sample, dt)
+        end_on_arc = pose_after(arc, steps - 1 - ramp_end.moves)
 
-        assert np.allclose(end_on_arc, end_of_steps, rtol=0, atol=1e-11)
+        assert np.allclose(end_on_arc[:2], end_of_steps, rtol=0, atol=1e-11)
 
 
 def test_one_sample_is_one_value():

@@ -1,0 +1,35 @@
+"""Critic "nose on path": the distance of the robot's nose from the path, except near its end."""
+
+from applr_ros1.common.arrays import Data
+from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.dwa.critics.critic import Row
+from applr_ros1.planner.dwa.critics.distance import at_end
+from applr_ros1.planner.dwa.records import ALIGNMENT, Grids, Scene
+from applr_ros1.planner.sampling_planner import Record
+
+ROW = Row(
+    "nose on path",
+    "path weight or 0",
+    "its grid at the last point's nose",
+    "-4: a nose off the map",
+)
+
+
+@kernel(inline="always")
+def weight(p: Record) -> float:
+    """Return the weight of the critic."""
+    return p.alignment_scale
+
+
+@kernel(inline="always")
+def value(p: Record, scene: Scene, grids: Grids, points: Data) -> float:
+    """Return the value for a trajectory through the points (k, 3)."""
+    facts = grids.facts[0]
+    grid_row = facts.alignment_row if facts.flooded else ALIGNMENT
+    return at_end(scene, grids, grid_row, points, p.forward_point_distance, False)
+
+
+@kernel(inline="always")
+def bound(known: Record) -> float:
+    """Return a lower bound of the value. known: KNOWN record of the sample."""
+    return float(known.alignment)

@@ -1,0 +1,20 @@
+"""What the files of all critics have in common: the row on the page, and refusals."""
+
+from typing import NamedTuple
+
+
+class Row(NamedTuple):
+    """Row of a critic in the table of docs/explanation/planner_dwa.md."""
+
+    critic: str
+    weight: str
+    value: str
+    refuses: str
+
+
+# Values of critics that refuse a trajectory
+UNREACHED = -2.0
+IN_OBSTACLE = -3.0
+OFF_MAP = -4.0
+OSCILLATES = -5.0
+COLLIDES = -6.0
