@@ -25,13 +25,17 @@ from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
 from applr_ros1.stack.command_chain import CommandChain, Progress
 
+STANDING: Twist = (0.0, 0.0)
+TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
+
 
 class Step(NamedTuple):
     """Result of one control cycle.
 
     Attributes:
         cycle: Cycle of the planner.
-        verdict: Verdict of the monitor; None without a monitor or without a command.
+        verdict: Verdict of the monitor; None without a monitor, or without a command or escape
+            motion.
         command: (v [m/s], w [rad/s]) for the base; None if it keeps the last one.
     """
 
@@ -63,6 +67,7 @@ class Stack:
         self.escapes = escapes
         self._command_chain = CommandChain()
         self._plan_time = -math.inf  # time of the planner's latest plan [s]
+        self._command_time: Optional[float] = None  # time of its latest command [s]
 
     def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
         """Forget goal, maps and obstacles at time `now` [s], and restore the parameters."""
@@ -73,6 +78,7 @@ class Stack:
             self.prediction.reset()
         self._command_chain = CommandChain()
         self._plan_time = -math.inf
+        self._command_time = None
 
     def set_goal(self, goal: Pose, now: float) -> None:
         """Send a goal (x, y, yaw) in the frame of the global costmap at time `now` [s]."""
@@ -123,9 +129,30 @@ class Stack:
         if scan is not None:
             monitor.add_scan(scan)
         if cycle.command is None:
-            return Step(cycle, None, None)
+            return self._break_silence(monitor, now, pose, twist, cycle)
+        self._command_time = now
         verdict = self._supervise(monitor, now, pose, twist, cycle.command)
         return Step(cycle, verdict, verdict.command)
+
+    def _break_silence(
+        self, monitor: CollisionMonitor, now: float, pose: Pose, twist: Twist, cycle: Cycle
+    ) -> Step:
+        """Return the step of a cycle in which the planner commands nothing.
+
+        move_base is silent while it looks for a plan. As on the robot (nodes/monitor/node.py), the
+        monitor then drives an escape motion, or brakes a base that would keep its last command.
+        """
+        if self._command_time is None:
+            return Step(cycle, None, None)
+        silent_time = now - self._command_time + TIME_TOLERANCE_S
+        if silent_time < monitor.silence:
+            return Step(cycle, None, None)
+        motion = self._command_chain.escape(now, STANDING, self._progress())
+        if motion is not None:
+            verdict = self._judged(monitor, now, pose, twist, STANDING, motion)
+            return Step(cycle, verdict, verdict.command)
+        v, _ = twist
+        return Step(cycle, None, monitor.braked(now, v))
 
     def _sensed(self, scan: Optional[LaserScan]) -> Optional[Sensed]:
         """Return what the costmaps get: the scan, and predicted points of moving obstacles."""
@@ -139,11 +166,23 @@ class Stack:
         self, monitor: CollisionMonitor, now: float, pose: Pose, twist: Twist, command: Twist
     ) -> Verdict:
         """Return the verdict on the planner's command, or on an escape motion in its place."""
+        motion = self._command_chain.escape(now, command, self._progress())
+        return self._judged(monitor, now, pose, twist, command, motion)
+
+    def _judged(
+        self,
+        monitor: CollisionMonitor,
+        now: float,
+        pose: Pose,
+        twist: Twist,
+        command: Twist,
+        motion: Optional[Twist],
+    ) -> Verdict:
+        """Return the verdict on a command, or on the escape motion that replaces it."""
 
         def judge(judged_command: Twist, may_creep: bool) -> Verdict:
             return monitor.filter(now, pose, twist, judged_command, creeps=may_creep)
 
-        motion = self._command_chain.escape(now, command, self._progress())
         verdict = self._command_chain.judged(command, motion, judge)
         # A planner that makes its own escape motions must know that it is blocked.
         if self._command_chain.escapes is None:

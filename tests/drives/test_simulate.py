@@ -44,7 +44,8 @@ CYCLE_S = 0.05  # time between two commands [s]
 class FakeMoveBase:
     """Planner stub that gives each command (v, w) for a second, and the last one forever.
 
-    After `end` cycles it gives its `result`, and the robot stands.
+    It is silent while a command is None. After `end` cycles it gives its `result`, and the robot
+    stands.
     """
 
     goal = None
@@ -94,10 +95,10 @@ class FakeMoveBase:
         command = None
         if self.goals:
             second = (cycle_count - 2) // 20
-            v, w = self.commands[min(second, len(self.commands) - 1)]
+            command = self.commands[min(second, len(self.commands) - 1)]
             if self.end is not None and cycle_count > self.end:
-                v = 0.0
-            command = (v, w)
+                _, w = command
+                command = (0.0, w)
         result = None
         if self.end is not None and cycle_count == self.end + 1:
             result = self.result
@@ -547,6 +548,56 @@ def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(
     twists = course_drive.drive.truth.twist
     assert twists.any() == moves
     assert not twists[:40].any(), "the monitor waits two seconds for the planner"
+
+
+@pytest.mark.parametrize("variant", ["ours", "cpp-like"])
+def test_the_monitor_brakes_the_base_while_the_planner_is_silent(variant):
+    """As its node does: not before the planner could have sent its next command."""
+    planner = FakeMoveBase((1.0, 0.0), None, variant=variant)
+    simulated = simulated_robot(planner, monitor=True)
+    course_drive = begun(simulated, straight(), period=1.0)
+    decided(course_drive)
+    monitor = simulated.stack.monitor
+    silence_cycles = round(monitor.silence / CYCLE_S)
+    sent_speeds = []
+    simulator_command = simulated.simulator.command
+
+    def recorded_command(v, w):
+        sent_speeds.append(v)
+        simulator_command(v, w)
+
+    simulated.simulator.command = recorded_command
+    cycles_before = len(planner.steps)
+    decided(course_drive)
+
+    # The first silent cycles send nothing, and the base keeps the planner's last command.
+    assert silence_cycles >= 2
+    assert len(sent_speeds) == len(planner.steps) - cycles_before - (silence_cycles - 1)
+    # Then it is braked within its friction limit, and stands.
+    falls = -np.diff([1.0, *sent_speeds])
+    assert sent_speeds[0] < 1.0
+    assert max(falls[1:]) <= 1.01 * monitor.settings.deceleration * CYCLE_S
+    assert sent_speeds[-1] == 0.0
+    assert course_drive.drive.truth.twist[-1, 0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_without_a_monitor_the_base_keeps_a_silent_planners_last_command():
+    planner = FakeMoveBase((1.0, 0.0), None)
+    simulated = simulated_robot(planner)
+    course_drive = begun(simulated, straight(), period=1.0)
+    decided(course_drive)
+    simulated.simulator.command = lambda v, w: pytest.fail("nobody commands")
+    decided(course_drive)
+
+
+def test_an_escape_motion_also_replaces_the_silence_of_a_cpp_like_planner():
+    planner = FakeMoveBase((0.0, 0.0), None, variant="cpp-like")
+    course_drive = begun(simulated_robot(planner, monitor=True), straight(), period=1.0)
+    for _ in range(3):
+        decided(course_drive)
+    twists = course_drive.drive.truth.twist
+    assert not twists[:40].any(), "the monitor waits two seconds for the planner"
+    assert twists[40:].any()
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():
