@@ -69,7 +69,7 @@ class Stamp(int):
 
 
 class Sender(NamedTuple):
-    """What a message says of its sender.
+    """Properties of a message's sender.
 
     Attributes:
         robot: Robot whose frames and sizes are used.

@@ -1,4 +1,4 @@
-"""What tf says of a recorded drive: where its laser, its base and its plans' frame are."""
+"""Places of a recorded drive's laser, base and plans' frame, as tf says."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PlacedBase(NamedTuple):
 
 
 class Places(NamedTuple):
-    """What tf says of a drive.
+    """Places and frames of a drive, as tf says.
 
     Attributes:
         laser: Place of the laser on the robot; None if tf does not connect them.

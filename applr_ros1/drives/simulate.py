@@ -8,6 +8,7 @@ environment advances a CourseDrive by one decision period after the other.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Iterator, Optional
 
 import numpy as np
@@ -20,7 +21,7 @@ from applr_ros1.drives.recorder import Recorder
 from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.policy.decision import Seen
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.policy.stall import Stall
 from applr_ros1.stack.simulated import CONTROL_PERIOD, SimulatedRobot, Tick
@@ -121,7 +122,6 @@ class CourseDrive:
         self.period = period
         self.stall = Stall(simulated.robot.world_scale)
         self._cycles = cycles_in(period)
-        self._space = space_of(simulated.robot)
         self._record = record
         self._recorder = Recorder(world, record)
         self._period_count = 0
@@ -292,6 +292,11 @@ class CourseDrive:
             for server, values in in_force.items():
                 self._recorder.changed(self.seconds, server, values)
         return self._space.read_back(in_force)
+
+    @cached_property
+    def _space(self) -> Space:
+        """Space of the decisions; without decisions, the robot's values may lie outside it."""
+        return space_of(self.simulated.robot)
 
     # -- rows of the drive -------------------------------------------------------------------------
     @property

@@ -308,10 +308,19 @@ def space_of(robot: Robot) -> Space:
 
     Raises ApplrError if its move_base does not accept the space.
     """
-    tree = robot.all_parameters()
-    for error_message in space_errors(robot, tree):
+    for error_message in space_errors(robot, robot.all_parameters()):
         # Only the first error is reported.
         raise ApplrError(f"robot {robot.name}: {error_message}")
+    return unchecked_space(robot)
+
+
+@lru_cache(maxsize=32)
+def unchecked_space(robot: Robot) -> Space:
+    """Return the parameter space of a robot whose parameters may lie outside it.
+
+    A robot with recorded values has them as they were, whatever its space allows.
+    """
+    tree = robot.all_parameters()
     bounds = []
     integer = []
     theta0 = []

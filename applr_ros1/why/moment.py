@@ -34,7 +34,7 @@ MapSnapshot = Tuple[np.ndarray, ...]
 
 
 class Memory(NamedTuple):
-    """What a local planner keeps from cycle to cycle.
+    """State that a local planner keeps from cycle to cycle.
 
     Attributes:
         flags: Flags of the search, in the order of the planner's STATE.
@@ -47,7 +47,7 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True)
 class Asked:
-    """What the local planner is given in a control cycle.
+    """Inputs of the local planner in a control cycle.
 
     Attributes:
         pose: Pose (x, y, yaw) [m, m, rad] of the robot in the odometry frame.
@@ -140,7 +140,7 @@ class MetObstacle(NamedTuple):
 
 @dataclass(frozen=True)
 class CycleMoment:
-    """What the planner was given in a cycle, and what it said.
+    """Inputs of the planner in a cycle, and its answer.
 
     Attributes:
         asked: What it was given.
@@ -169,7 +169,7 @@ class CycleMoment:
 
     @property
     def drives_on(self) -> np.ndarray:
-        """Whether each sample (n,) is fast enough to drive on."""
+        """Return whether each sample (n,) is fast enough to drive on."""
         speeds = self.samples.velocities[:, 0]
         drives_on: np.ndarray = speeds >= min(
             SLOW * self.values["max_vel_x"], FASTEST * speeds.max()

@@ -34,7 +34,7 @@ from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.parameters.settings import Settings
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import unchecked_space
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import Limits
 from applr_ros1.why.moment import Asked, CycleMoment, MapSnapshot, Memory
@@ -64,8 +64,8 @@ UPDATES: Tuple[Tuple[Optional[int], int], ...] = (
 )
 
 # A command that no choice reproduces costs all choices. If there are many, as in a drive with other
-# parameters, only the likely choices are tried from then on: as long as more than HEAD_START cycles
-# of the planner were run, and more than PATIENCE of them for each command so far.
+# parameters, only the likely choices are tried from then on: as long as the planner has run
+# more than HEAD_START cycles, and more than PATIENCE of them for each command so far.
 HEAD_START = 10_000
 PATIENCE = 60
 LIKELY = 30
@@ -190,7 +190,7 @@ class Replay:
 
     @cached_property
     def limits(self) -> Limits:
-        """What the drive is measured by."""
+        """Limits by which the drive is measured."""
         speeds = []
         turn_rates = []
         for row_time in self.recording.odometry.time.tolist():
@@ -314,7 +314,7 @@ def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, A
         changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
         recorded_servers.update(drive.changes.server)
     for decision in drive.decisions:
-        for server, values in space_of(robot).settings_of(decision.after).items():
+        for server, values in unchecked_space(robot).settings_of(decision.after).items():
             if server not in recorded_servers:
                 changes.append((decision.time, server, dict(values)))
     changes.sort(key=lambda change: change[0])

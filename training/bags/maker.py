@@ -43,7 +43,7 @@ class Maker:
         self.store = get_typestore(Stores.ROS1_NOETIC)
         for message_type, definition in DEFINITIONS.items():
             self.store.register(get_types_from_msg(definition, message_type))
-        self._builds: Dict[str, Dict[str, Build]] = {}  # of the fields of each type
+        self._builds: Dict[str, Dict[str, Build]] = {}  # builders for each type
 
     def make(self, message_type: str, values: Mapping[str, Any]) -> Any:
         """Return a message with the values {field: value}; other fields are zero or empty.

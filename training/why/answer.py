@@ -19,7 +19,7 @@ STOPS_M = 0.05  # motion within it [m]
 
 
 class Answer(NamedTuple):
-    """What is said of a recorded drive.
+    """Statements about a recorded drive.
 
     Attributes:
         diagnosis: What happened, and why.

@@ -236,7 +236,7 @@ class DWALocalPlanner(LocalPlanner):
 
     @property
     def is_turning(self) -> bool:
-        """Whether it turns the robot to the goal's heading."""
+        """Return whether it turns the robot to the goal's heading."""
         return self.stop_rotate.rotating
 
     @is_turning.setter

@@ -37,8 +37,8 @@ STATE = record(
 FACTS = record("", "flooded alignment_row")
 
 # What is known of a sample before its roll-out, for the bounds of the critics: lower bounds of the
-# distances on the four grids at its end [cells], and of its obstacle cost. 32 bits keep the table
-# of some ten thousand samples in the cache.
+# distances on the four grids at its end [cells], and of its obstacle cost. With 32 bits, a table of
+# some ten thousand samples stays in the cache.
 KNOWN = np.dtype([(name, np.int32) for name in ("front", "alignment", "path", "goal", "obstacle")])
 
 

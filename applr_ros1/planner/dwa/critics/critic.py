@@ -1,4 +1,4 @@
-"""What the files of all critics have in common: the row on the page, and refusals."""
+"""Common parts of all critics: the row on the page, and refusals."""
 
 from typing import NamedTuple
 
