@@ -13,6 +13,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array
+from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.robots import Robot
@@ -22,7 +23,6 @@ STALL_DISTANCE_M = 0.85
 STALL_TIME_S = 8.0
 # A robot whose present speed ahead would take it that far in this time has come out [s].
 OUT_TIME_S = 2.0
-TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
 # A dead end is clear after DEAD_END_S [s]: the plan has led back, and the robot has neither moved
 # by BACKWARD_M [m] nor turned by BACKWARD_RAD [rad]. Whatever the plan, it is clear if the robot
 # has stood, without a command or because a monitor blocks its commands.

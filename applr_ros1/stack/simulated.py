@@ -11,6 +11,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse
 from applr_ros1.common.scan import LaserScan
+from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.stack.stack import Stack, Step
@@ -20,7 +21,6 @@ from worlds.world import Grid
 
 # Duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
 CONTROL_PERIOD = 0.05
-SOON_S = 1e-6  # rounding error of a sum of cycles: a scan that is due so soon is taken [s]
 
 
 class Driver(Protocol):
@@ -163,7 +163,7 @@ class SimulatedRobot:
         """Drive one control cycle: scan, plan, command and move."""
         before = self.state
         scan: Optional[LaserScan] = None
-        if before.time + SOON_S >= self._scan_due:
+        if before.time + TIME_TOLERANCE_S >= self._scan_due:
             scan = self._scan()
         # Pose of the odometry's frame in the map's
         origin: Optional[Pose] = None

@@ -12,6 +12,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.scan import LaserScan
+from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
 from applr_ros1.monitor.motion import Twist
 from applr_ros1.monitor.settings import MonitorSettings
@@ -26,7 +27,6 @@ from applr_ros1.robots import Robot
 from applr_ros1.stack.command_chain import CommandChain, Progress
 
 STANDING: Twist = (0.0, 0.0)
-TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
 
 
 class Step(NamedTuple):
