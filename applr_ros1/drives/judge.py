@@ -17,7 +17,7 @@ from worlds import Course
 TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 
 
-class Ruling(NamedTuple):
+class CourseEnd(NamedTuple):
     """End of a course: status of its Goal (drive.py), and reason in words."""
 
     status: str
@@ -61,7 +61,7 @@ class Rules:
         """Return the number of decision periods [s] after which a course times out."""
         return max(1, round(self.limit / period))
 
-    def judge(self, tick: Tick, destination: Destination) -> Optional[Ruling]:
+    def judge(self, tick: Tick, destination: Destination) -> Optional[CourseEnd]:
         """Return how the course ends with a control cycle, or None if it goes on.
 
         A course ends at its finish (Course.arrived). The planner has reached the goal if it reports
@@ -81,11 +81,11 @@ class Rules:
             tolerance = destination.tolerance
         x, y, _ = tick.after.pose
         if destination.course.arrived(x, y, tolerance):
-            return Ruling(REACHED, "finished")
+            return CourseEnd(REACHED, "finished")
         if tick.after.flipped:
-            return Ruling(FLIPPED, "flipped")
+            return CourseEnd(FLIPPED, "flipped")
         if self.end_on_contact and tick.after.contact:
-            return Ruling(TOUCHED, "contact")
+            return CourseEnd(TOUCHED, "contact")
         if result is None:
             return None
         _, message = result
@@ -96,9 +96,11 @@ class Rules:
             left_in_truth=math.dist((x, y), destination.course.sent_goal[:2]),
             tolerance=destination.tolerance,
         )
-        return Ruling(ABORTED, reason)
+        return CourseEnd(ABORTED, reason)
 
-    def judge_period(self, period: float, period_count: int, has_stalled: bool) -> Optional[Ruling]:
+    def judge_period(
+        self, period: float, period_count: int, has_stalled: bool
+    ) -> Optional[CourseEnd]:
         """Return how the course ends with a decision period, or None if it goes on.
 
         Args:
@@ -107,7 +109,7 @@ class Rules:
             has_stalled: Whether the robot makes no progress.
         """
         if has_stalled and self.end_on_stall:
-            return Ruling(STALLED, "stalled")
+            return CourseEnd(STALLED, "stalled")
         if period_count >= self.periods(period):
-            return Ruling(TIMED_OUT, "time limit")
+            return CourseEnd(TIMED_OUT, "time limit")
         return None

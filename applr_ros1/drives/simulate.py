@@ -15,7 +15,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Decision, Drive, Goal, SentGoal
-from applr_ros1.drives.judge import Destination, Rules, Ruling
+from applr_ros1.drives.judge import CourseEnd, Destination, Rules
 from applr_ros1.drives.outcome import Leg, Outcome, nearest, outcome_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.monitor.motion import Twist
@@ -304,12 +304,12 @@ class CourseDrive:
         """Goal of the course."""
         return self._recorder.goals[-1]
 
-    def _end(self, ruling: Optional[Ruling]) -> None:
+    def _end(self, course_end: Optional[CourseEnd]) -> None:
         """End the goal if a rule says so."""
-        if ruling is None:
+        if course_end is None:
             return
         self._recorder.goals[-1] = self._goal._replace(
-            end=self.seconds, status=ruling.status, reason=ruling.reason
+            end=self.seconds, status=course_end.status, reason=course_end.reason
         )
 
     def _look(self, ranges: np.ndarray, plan: np.ndarray) -> None:

@@ -163,7 +163,7 @@ def floats(values: Iterable[float]) -> Triple:
     return first, second, third
 
 
-class Choice:
+class CycleChoice:
     """Trajectory and command that the planner chooses in one cycle.
 
     Attributes:

@@ -23,7 +23,7 @@ from worlds.world import Grid
 CONTROL_PERIOD = 0.05
 
 
-class Driver(Protocol):
+class BaseDriver(Protocol):
     """Commander of a robot's base: a Stack, or a script in its place."""
 
     @property
@@ -81,7 +81,7 @@ class SimulatedRobot:
         goal_count: Number of goals sent so far.
     """
 
-    def __init__(self, simulator: Simulator, driver: Driver, with_map: Optional[Stack] = None):
+    def __init__(self, simulator: Simulator, driver: BaseDriver, with_map: Optional[Stack] = None):
         self.simulator = simulator
         self.driver = driver
         self.robot = simulator.robot

@@ -37,7 +37,7 @@ def camera_at(position, look_at):
 
 
 def test_the_camera_stays_behind_the_robot_whatever_an_opening_page_reports():
-    view = scene.View(scale=1.0)
+    view = scene.CameraView(scale=1.0)
     robot_pose = (1.0, 2.0, 0.0)
     placed = camera_at((-2.5, 2.0, 2.5), (2.0, 2.0, 0.0))
     # When: the page reports its own first pose again, after it was told another one
@@ -53,7 +53,7 @@ def test_the_camera_stays_behind_the_robot_whatever_an_opening_page_reports():
 
 
 def test_a_camera_that_the_user_has_moved_follows_the_robot():
-    view = scene.View(scale=1.0)
+    view = scene.CameraView(scale=1.0)
     camera = camera_at((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
     view.follow(camera, (1.0, 2.0, 0.0))
     asyncio.run(view.take_report(camera))

@@ -46,7 +46,7 @@ class BagError(ApplrError):
     """Error of a bag that cannot be used at all. Its message is one line with bag and reason."""
 
 
-class Source(NamedTuple):
+class TopicSource(NamedTuple):
     """Topic of a bag: its key in COLUMNS, and the planner or server that it names, as a field."""
 
     key: str
@@ -149,7 +149,7 @@ def _stamped(messages: Sequence[Received], column: str) -> List[RecordedStamp]:
 
 def _sources(
     reader: AnyReader, topics: TopicNames, columns: Optional[Collection[str]]
-) -> Dict[str, Source]:
+) -> Dict[str, TopicSource]:
     """Return {topic: its source} of the topics of a bag that are read."""
     sources = {}
     for key, column in COLUMNS.items():
@@ -164,7 +164,7 @@ def _sources(
                 part = {}
                 if column.part:
                     part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
-                sources[topic] = Source(key, part)
+                sources[topic] = TopicSource(key, part)
     return sources
 
 

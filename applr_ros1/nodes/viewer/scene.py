@@ -103,7 +103,7 @@ class Scene:
             Marker.CUBE: creation.box(),
         }
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles by name
-        self._views: Dict[int, View] = {}  # by client ID
+        self._views: Dict[int, CameraView] = {}  # by client ID
 
     def draw(self, driving: bool) -> None:
         """Update everything. driving: Whether goal and plans are valid."""
@@ -257,12 +257,12 @@ class Scene:
             return
         view = self._views.get(client.client_id)
         if view is None:
-            view = self._views[client.client_id] = View(self._robot.world_scale)
+            view = self._views[client.client_id] = CameraView(self._robot.world_scale)
             client.camera.on_update(view.take_report)
         view.follow(client.camera, self.pose)
 
 
-class View:
+class CameraView:
     """Camera of one client, which starts behind the robot and follows it.
 
     Args:

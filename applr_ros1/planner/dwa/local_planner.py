@@ -15,7 +15,7 @@ from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.planner.sampling_planner import (
-    Choice,
+    CycleChoice,
     Triple,
     angle_difference,
     braked,
@@ -232,7 +232,7 @@ class DWALocalPlanner(LocalPlanner):
         self.goal_reached = False
         self._searched = False
         self.cropped_plan = NO_POSES
-        self._choice: Optional[Choice] = None
+        self._choice: Optional[CycleChoice] = None
 
     @property
     def is_turning(self) -> bool:

@@ -29,7 +29,7 @@ from applr_ros1.planner.dwa.search import find_best, prepare
 from applr_ros1.planner.dwa.total_cost import Samples, score_all_samples, total_cost
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
 from applr_ros1.planner.sampling_planner import (
-    Choice,
+    CycleChoice,
     SamplingPlanner,
     Velocity,
     cost_cloud,
@@ -155,7 +155,7 @@ class DWAPlanner(SamplingPlanner):
 
     def find_best_path(
         self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]
-    ) -> Choice:
+    ) -> CycleChoice:
         """Run one cycle: floods, samples, winner, flags.
 
         Args:
@@ -182,7 +182,7 @@ class DWAPlanner(SamplingPlanner):
         start = self._scratch.start[0].item()
         follow = partial(_follow, self._params[0], start, winner.sample)
         command = (winner.stored.vx, winner.stored.vy, winner.command_w)
-        return Choice(
+        return CycleChoice(
             winner.cost, winner.stored, command, winner.steps, follow, sample=winner.number
         )
 

@@ -45,7 +45,7 @@ from applr_ros1.planner.sampling_planner import (
     take_start,
     through_quaternion,
 )
-from applr_ros1.planner.search.best_first import HUGE, Step, first_step, next_step
+from applr_ros1.planner.search.best_first import HUGE, SearchStep, first_step, next_step
 
 
 @kernel
@@ -170,7 +170,7 @@ def _search(
     scratch: Scratch,
     scene: Scene,
     axis_counts: SampleCounts,
-) -> Step:
+) -> SearchStep:
     """Return the last step of the search for the first sample of lowest cost."""
     bounds = scratch.bounds
     heap = scratch.heap

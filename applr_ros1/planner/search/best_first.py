@@ -16,7 +16,7 @@ from applr_ros1.common.kernels import kernel
 HUGE = float(np.finfo(np.float64).max)
 
 
-class Step(NamedTuple):
+class SearchStep(NamedTuple):
     """Question of a search to its caller, with what the search has found so far."""
 
     number: int  # number of the sample that the question is about, -1 if the search has ended
@@ -36,7 +36,7 @@ def add(bounds: Data, heap: Data, is_probed: Data, count: int, number: int, boun
 
 
 @kernel
-def first_step(bounds: Data, heap: Data, is_probed: Data, count: int) -> Step:
+def first_step(bounds: Data, heap: Data, is_probed: Data, count: int) -> SearchStep:
     """Return the first question of a search among the `count` samples in an unordered heap.
 
     See next_step for the arrays.
@@ -47,7 +47,9 @@ def first_step(bounds: Data, heap: Data, is_probed: Data, count: int) -> Step:
 
 
 @kernel(inline="always")
-def next_step(bounds: Data, heap: Data, is_probed: Data, step: Step, answer: float) -> Step:
+def next_step(
+    bounds: Data, heap: Data, is_probed: Data, step: SearchStep, answer: float
+) -> SearchStep:
     """Return the question that follows the answer to a question.
 
     The function becomes part of the kernel that calls it. The caller answers between two calls, and
@@ -69,7 +71,7 @@ def next_step(bounds: Data, heap: Data, is_probed: Data, step: Step, answer: flo
     if not step.is_exact and answer >= 0:
         if answer <= bounds[number]:
             # The sample stays the first one.
-            return Step(number, True, count, best_cost, best_number)
+            return SearchStep(number, True, count, best_cost, best_number)
         bounds[number] = answer
         _sift_down(heap, bounds, count, 0)
         return _question(bounds, heap, is_probed, count, best_cost, best_number)
@@ -85,15 +87,15 @@ def next_step(bounds: Data, heap: Data, is_probed: Data, step: Step, answer: flo
 @kernel(inline="always")
 def _question(
     bounds: Data, heap: Data, is_probed: Data, count: int, best_cost: float, best_number: int
-) -> Step:
+) -> SearchStep:
     """Return the question about the first of `count` samples in the heap."""
     # If the first sample does not beat the best one, no other sample does.
     if count == 0 or _is_before(best_cost, best_number, bounds[heap[0]], heap[0]):
-        return Step(-1, True, count, best_cost, best_number)
+        return SearchStep(-1, True, count, best_cost, best_number)
     number = heap[0]
     is_exact = is_probed[number] != 0
     is_probed[number] = 1
-    return Step(number, is_exact, count, best_cost, best_number)
+    return SearchStep(number, is_exact, count, best_cost, best_number)
 
 
 @kernel

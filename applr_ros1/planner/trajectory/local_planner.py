@@ -16,7 +16,7 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.sampling_planner import (
-    Choice,
+    CycleChoice,
     Triple,
     angle_difference,
     braked,
@@ -72,7 +72,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def _forget_cycle(self) -> None:
         """Clear the state that belongs to a single cycle."""
         self.cropped_plan = NO_POSES
-        self._choice: Optional[Choice] = None
+        self._choice: Optional[CycleChoice] = None
         self._is_blocked = False  # whether the search found no legal command
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import (
-    Choice,
+    CycleChoice,
     SamplingPlanner,
     Velocity,
     cost_cloud,
@@ -154,7 +154,7 @@ class TrajectoryPlanner(SamplingPlanner):
 
     def find_best_path(
         self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float]
-    ) -> Choice:
+    ) -> CycleChoice:
         """Run one cycle: floods, samples, winner, flags.
 
         Args:
@@ -177,7 +177,7 @@ class TrajectoryPlanner(SamplingPlanner):
         # The next cycle overwrites the record, so the choice keeps its values.
         start = self._scratch.start[0].item()
         follow = partial(_follow, self._params[0], start, sample)
-        return Choice(winner.cost, sample, command, winner.point_count, follow)
+        return CycleChoice(winner.cost, sample, command, winner.point_count, follow)
 
     def score(
         self,
