@@ -32,8 +32,8 @@ with extra(__name__):
     from training.appld import classifier, segmentation
     from training.appld.demonstration import Demonstration, policy_scans, read_demonstration
     from training.appld.fit import Fit, Stretch, fit, stretches
+    from training.bags.options import BagOptions
     from training.bags.read import bags_in
-    from training.bags.topics import BagOptions
 
 
 class AppldOptions(BagOptions):

@@ -26,8 +26,8 @@ from training.train.learner.config import RECIPES, TrainConfig, recipe
 from training.train.replay import dataset
 
 with extra(__name__):
+    from training.bags.options import BagOptions
     from training.bags.read import BagError, bags_in, read, refused
-    from training.bags.topics import BagOptions
     from training.train.transitions import COLUMNS, decision_period, transitions
 
 

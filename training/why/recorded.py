@@ -15,8 +15,8 @@ from applr_ros1.why.fitting import fitted, other_robot
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 from training.bags.names import missing, missing_plans, names_in
+from training.bags.options import BagOptions
 from training.bags.read import read, refused, topics_in
-from training.bags.topics import BagOptions
 from training.common.options import option
 
 CHANNELS = (
