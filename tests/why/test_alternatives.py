@@ -10,21 +10,7 @@ from applr_ros1.why.alternatives import Alternative, Result, guesses_of
 from applr_ros1.why.diagnosis import diagnose
 from tests.support.replays import (
     PLANNER,
-    sound_replay,
-    spoilt_replay,
 )
-
-
-@pytest.fixture(scope="module")
-def sound():
-    """Return a replay of a drive without a fault."""
-    return sound_replay()
-
-
-@pytest.fixture(scope="module")
-def replay():
-    """Return a replay of the drive with the fault."""
-    return spoilt_replay()
 
 
 def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(replay, monkeypatch):

@@ -22,21 +22,7 @@ from tests.support.replays import (
     PLANNER,
     WAFFLE,
     replayed,
-    sound_replay,
-    spoilt_replay,
 )
-
-
-@pytest.fixture(scope="module")
-def sound():
-    """Return a replay of a drive without a fault."""
-    return sound_replay()
-
-
-@pytest.fixture(scope="module")
-def replay():
-    """Return a replay of the drive with the fault."""
-    return spoilt_replay()
 
 
 def driven_with_post(ahead, left, since=0.0):

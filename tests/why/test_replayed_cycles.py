@@ -21,7 +21,6 @@ from tests.support.replays import (
     WAFFLE,
     replayed,
     spoilt_drive,
-    spoilt_replay,
     updates,
 )
 
@@ -30,12 +29,6 @@ from tests.support.replays import (
 def spoilt():
     """Return a Jackal with a fault, and a recording of its drive."""
     return spoilt_drive()
-
-
-@pytest.fixture(scope="module")
-def replay():
-    """Return a replay of the drive with the fault."""
-    return spoilt_replay()
 
 
 def without_rows(plans, first, last):

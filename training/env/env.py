@@ -116,19 +116,19 @@ class ApplrEnv(gymnasium.Env):
         if protocol == DRAWN:
             protocol = str(self.np_random.choice([PAPER, CHALLENGE]))
         world = worlds_package.scaled(under(protocol, world), self.settings.robot.world_scale)
-        self.course_drive = self.begin(world, episode_seed)
+        course_drive = self.begin(world, episode_seed)
+        self.course_drive = course_drive
         self.pilot.begin(episode_seed)
-        return self._observation(), self._info(self.course_drive.outcome)
+        return self._observation(course_drive), self._info(course_drive.outcome)
 
     def begin(self, world: World, seed: int) -> CourseDrive:
         """Return a new drive along the course of a world."""
-        assert self.settings.period is not None
         return CourseDrive(
             self.simulated,
             world,
             seed,
             self.rules,
-            period=self.settings.period,
+            period=self.pilot.period,
             theta=self.space.theta0,
         )
 
@@ -157,15 +157,14 @@ class ApplrEnv(gymnasium.Env):
         info["action"] = action
         if choice.why == STALL:
             info["action"] = self.encoding.action(outcome.theta).astype(np.float32)
-        return self._observation(), float(reward), terminated, truncated, info
+        return self._observation(course_drive), float(reward), terminated, truncated, info
 
-    def _observation(self) -> np.ndarray:
-        assert self.course_drive is not None
-        self._context = self.pilot.observe(self.course_drive.theta, self.course_drive.seen)
+    def _observation(self, course_drive: CourseDrive) -> np.ndarray:
+        self._context = self.pilot.observe(course_drive.theta, course_drive.seen)
         policy_inputs = self.encoding.observe(self._context)
         if not self.layout.hidden:
             return policy_inputs
-        hidden_inputs = privileged.privileged(self.course_drive, self.encoding.scale)
+        hidden_inputs = privileged.privileged(course_drive, self.encoding.scale)
         return np.append(policy_inputs, hidden_inputs)
 
     @override
