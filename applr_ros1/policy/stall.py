@@ -144,11 +144,62 @@ class DeadEnd:
         return self.stands or gets_nowhere
 
 
-class StallRule:
-    """Parameters of a robot that has stalled or is in a dead end, in place of those of its method.
+class Stuck:
+    """Detector of a robot that has stalled or is in a dead end, until it has come out.
 
-    The method's decisions have failed there. A dead end counts as a stall until the robot has moved
-    away from where it was found, or drives ahead as fast as one that has come out.
+    It has come out when it has moved away from where this was found, or drives ahead fast enough.
+
+    Args:
+        scale: Size of the robot relative to the Jackal (Robot.world_scale); scales distances.
+    """
+
+    def __init__(self, scale: float):
+        self._stall = Stall(scale)
+        self._dead_end = DeadEnd(scale)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all positions at the start of a course."""
+        self._stall.reset()
+        self._dead_end.reset()
+        self._begin_place: Optional[Tuple[float, float]] = None  # where it got stuck [m]
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot has stood for DEAD_END_S."""
+        return self._dead_end.stands
+
+    def update(self, time: float, pose: Pose, v: float, leads_back: Optional[bool]) -> bool:
+        """Add a pose, and return whether the robot is stuck.
+
+        Args:
+            time: Time [s].
+            pose: (x, y, yaw) of the robot [m, rad].
+            v: Speed ahead [m/s].
+            leads_back: Whether the plan leads back; None without a plan, or near its end.
+        """
+        x, y, _ = pose
+        has_stalled = self._stall.update(time, x, y, v)
+        is_in_dead_end = self._dead_end.update(time, pose, leads_back)
+        if self._stall.comes_out(v):
+            is_stuck = False
+        elif self._begin_place is None:
+            is_stuck = has_stalled or is_in_dead_end
+        else:
+            is_near = math.dist(self._begin_place, (x, y)) < self._stall.required
+            is_stuck = has_stalled or is_near
+
+        if not is_stuck:
+            self._begin_place = None
+        elif self._begin_place is None:
+            self._begin_place = (x, y)
+        return is_stuck
+
+
+class StallRule:
+    """Parameters of a robot that is stuck (Stuck), in place of those of its method.
+
+    The method's decisions have failed there.
 
     Each phase of a stall has random values of the parameters that a policy chooses; others stay as
     the method has them. A phase keeps its values, because a robot needs some seconds to back out of
@@ -170,20 +221,17 @@ class StallRule:
     def __init__(self, robot: Robot):
         self.count = 0
         self._encoding = DimensionlessEncoding(robot, PERIOD)
-        self._stall = Stall(robot.world_scale)
-        self._dead_end = DeadEnd(robot.world_scale)
+        self._stuck = Stuck(robot.world_scale)
         self.reset(0)
 
     def reset(self, seed: int) -> None:
         """Forget the positions at the start of a course, and seed the draws."""
-        self._stall.reset()
-        self._dead_end.reset()
+        self._stuck.reset()
         self._draws = np.random.default_rng([seed, SEED])
         self._end()
 
     def _end(self) -> None:
         """Forget the last stall."""
-        self._begin_place: Optional[Tuple[float, float]] = None  # place where it began [m]
         self._phase: Optional[_Phase] = None
         self._last_clearing = -math.inf  # time of the last clearing of the costmaps [s]
         self.clears_costmaps = False
@@ -194,7 +242,8 @@ class StallRule:
         The Pilot clips them, and orders the smallest and the largest speed.
         """
         plan_leads_back = _leads_back(context)
-        is_stuck = self._is_stuck(context, plan_leads_back)
+        v, _ = context.twist
+        is_stuck = self._stuck.update(context.time, context.pose, v, plan_leads_back)
         if not is_stuck or not method.redraws_stalled:
             self._end()
             return None
@@ -202,7 +251,6 @@ class StallRule:
         self.clears_costmaps = since_clearing + TIME_TOLERANCE_S >= CLEARING_S
         if self.clears_costmaps:
             self._last_clearing = context.time
-        v, _ = context.twist
         # Without a plan, the way out is behind.
         leads_back = plan_leads_back is not False
         phase = self._phase
@@ -210,7 +258,7 @@ class StallRule:
             phase = self._begin(context.time, leads_back, is_first=True)
         elif phase.leads_back != leads_back:
             phase = self._begin(context.time, leads_back, is_first=leads_back)
-        elif phase.has_ended(context.time, v, self._dead_end.stands):
+        elif phase.has_ended(context.time, v, self._stuck.stands):
             phase = self._begin(context.time, leads_back, is_first=not phase.is_first)
         if not phase.values:
             return None
@@ -218,21 +266,6 @@ class StallRule:
         names = self._encoding.space.names
         parameters = {**dict(zip(names, theta)), **phase.values}
         return np.array([parameters[name] for name in names])
-
-    def _is_stuck(self, context: Context, leads_back: Optional[bool]) -> bool:
-        """Return whether the robot has stalled or is in a dead end, or was and has not come out."""
-        x, y, _ = context.pose
-        v, _ = context.twist
-        has_stalled = self._stall.update(context.time, x, y, v)
-        is_in_dead_end = self._dead_end.update(context.time, context.pose, leads_back)
-        if self._stall.comes_out(v):
-            return False
-        if self._begin_place is None:
-            if has_stalled or is_in_dead_end:
-                self._begin_place = (x, y)
-            return has_stalled or is_in_dead_end
-        is_near = math.dist(self._begin_place, (x, y)) < self._stall.required
-        return has_stalled or is_near
 
     def _begin(self, time: float, leads_back: bool, is_first: bool) -> _Phase:
         """Begin a phase at a time [s]."""

@@ -16,7 +16,6 @@ from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
 from applr_ros1.monitor.motion import Twist
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stalled_planner import StalledPlanner
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import Sensed
@@ -24,7 +23,7 @@ from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from applr_ros1.stack.command_chain import CommandChain, Progress
+from applr_ros1.stack.stuck import CommandChain, Progress, StalledPlanner
 
 STANDING: Twist = (0.0, 0.0)
 

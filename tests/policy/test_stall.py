@@ -11,7 +11,7 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.methods import FixedParameters, Method
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import BACKING_OUT, Stall, StallRule
+from applr_ros1.policy.stall import BACKING_OUT, Stall, StallRule, Stuck
 from applr_ros1.robots import JACKAL, load
 from tests.support.contexts import AHEAD, BACK, scene
 
@@ -410,6 +410,15 @@ def test_a_stall_in_a_dead_end_lasts_until_the_robot_has_left_the_place():
             rule.instead(SET, scene(float(time)), SPACE.theta0)
         theta = rule.instead(SET, scene(3.0, x, v), SPACE.theta0)
         assert (theta is not None) == is_changed, (x, v)
+
+
+def test_a_place_that_the_robot_has_left_is_forgotten():
+    stuck = Stuck(scale=1.0)
+    for time in range(3):
+        is_stuck = stuck.update(float(time), (0.0, 0.0, 0.0), 0.0, leads_back=True)
+    assert is_stuck
+    assert not stuck.update(3.0, (-0.9, 0.0, 0.0), -0.5, leads_back=True)
+    assert not stuck.update(4.0, (-0.2, 0.0, 0.0), 0.2, leads_back=True), "it passes there again"
 
 
 def test_a_robot_that_is_held_while_it_backs_out_drives_instead():

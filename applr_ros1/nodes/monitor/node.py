@@ -40,12 +40,11 @@ from applr_ros1.monitor.monitor import (
 )
 from applr_ros1.monitor.motion import Twist as Velocity
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stalled_planner import StalledPlanner
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.robots import Robot
-from applr_ros1.stack.command_chain import CommandChain
+from applr_ros1.stack.stuck import CommandChain, StalledPlanner
 
 from .guard import Heartbeat, publish_zeros
 from .move_base_progress import MoveBaseProgress

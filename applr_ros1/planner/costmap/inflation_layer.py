@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Optional, Tuple
+from typing import Any, Optional, Tuple, Type
 
 import numpy as np
 
@@ -100,44 +100,46 @@ class InflationLayer:
         self._columns = columns
         self._rows = rows
 
-        # The spread with its padding, whose walls end every step off the map (brushfire.Spread).
-        self._level = np.full((rows + 2, columns + 2), brushfire.NONE, np.uint8)
-        self._level[0, :] = self._level[-1, :] = brushfire.WALL
-        self._level[:, 0] = self._level[:, -1] = brushfire.WALL
-        self._link = np.zeros((rows + 2) * (columns + 2), np.uint16)
-        self._cost = np.zeros((rows + 2, columns + 2), np.uint8)
         # Window of the obstacles in the spread, None if the spread is empty.
         self._spread_window: Optional[Window] = None
+        self._cost = np.zeros((rows + 2, columns + 2), np.uint8)
+        self._allocate_spread(*brushfire.types_of(0))
 
         # Scratch memory.
         self._touched = np.zeros(columns, np.uint8)
         self._changed = np.empty(FEW, np.int64)
         self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
-        # Scratch memory for a reach beyond MAX_REACH, allocated by the first such update.
-        self._seen: Any = None
-        self._entries: Any = None
         self._make_tables()
+
+    def _allocate_spread(self, level_type: Type[np.integer], link_type: Type[np.integer]) -> None:
+        """Allocate the levels and links of an empty spread (brushfire.Spread) of these types."""
+        shape = (self._rows + 2, self._columns + 2)
+        self._none = int(np.iinfo(level_type).max)
+        self._level = np.full(shape, self._none, level_type)
+        # The padding's walls end every step off the map.
+        self._level[0, :] = self._level[-1, :] = brushfire.WALL
+        self._level[:, 0] = self._level[:, -1] = brushfire.WALL
+        self._link = np.zeros(self._level.size, link_type)
 
     def _make_tables(self) -> None:
         """Compute the tables of levels and costs for the parameters and the resolution."""
         parameters = self.parameters
         # The old spread has other levels and costs.
         self._forget()
-        self.reach = cell_distance(parameters.inflation_radius, self.resolution)
-        self._is_incremental = self.reach <= brushfire.MAX_REACH
-        if self._is_incremental:
-            self._step_level, distances = brushfire.tables(self.reach)
-        else:
-            offsets = np.arange(self.reach + 2, dtype=np.float64)
-            distance = np.hypot(offsets[:, None], offsets[None, :])
-            # Equal distances share a queue, which is first in, first out.
-            distances = tuple(np.unique(distance[distance <= self.reach]).tolist())
-            ranks = np.searchsorted(distances, distance)
-            self._rank = np.where(distance <= self.reach, ranks, -1).astype(np.int32)
+        # No two cells of the map are further apart.
+        map_reach = self._columns + self._rows
+        self.reach = min(cell_distance(parameters.inflation_radius, self.resolution), map_reach)
+        level_type, link_type = brushfire.types_of(self.reach)
+        if self._level.dtype != level_type:
+            self._allocate_spread(level_type, link_type)
+        self._step_level, distances = brushfire.tables(self.reach)
         self._level_cost = _level_costs(
             distances, self.resolution, self.inscribed_radius, parameters.cost_scaling_factor
         )
+        # A queue has a column for each level, too.
+        if self._queue.shape[1] < len(self._level_cost):
+            self._queue = np.empty((4, len(self._level_cost)), np.int32)
 
     def configure(self, parameters: InflationParameters) -> None:
         """Apply new parameters; if they differ, schedule a full pass, as in C++."""
@@ -189,7 +191,7 @@ class InflationLayer:
         end_row = max(top, top - shift_y) + self.reach + 1
         flat_shift = shift_y * width + shift_x
         links = self._link.reshape(-1, width)
-        for grid, empty_value in ((self._level, brushfire.NONE), (self._cost, 0), (links, 0)):
+        for grid, empty_value in ((self._level, self._none), (self._cost, 0), (links, 0)):
             flat_rows = grid[first_row:end_row].reshape(-1)
             if flat_shift > 0:
                 flat_rows[:-flat_shift] = flat_rows[flat_shift:]
@@ -201,8 +203,8 @@ class InflationLayer:
         # The padding moved along, into cells on both sides.
         levels = self._level[first_row:end_row]
         moved_columns = abs(shift_x)
-        levels[:, 1 : moved_columns + 1] = brushfire.NONE
-        levels[:, width - 1 - moved_columns :] = brushfire.NONE
+        levels[:, 1 : moved_columns + 1] = self._none
+        levels[:, width - 1 - moved_columns :] = self._none
         levels[:, 0] = levels[:, -1] = brushfire.WALL
         self._spread_window = (left - shift_x, bottom - shift_y, right - shift_x, top - shift_y)
 
@@ -235,8 +237,6 @@ class InflationLayer:
         if not self.parameters.enabled or self.reach == 0:
             self._forget()
             return _apply(master, base, self._cost, self._touched, False, window)
-        if not self._is_incremental:
-            return self._update_anew(master, base, window)
 
         # Obstacles within the reach of the window spread into it, and out of it on the other side.
         seed_window = self._around(window, self.reach)
@@ -281,36 +281,14 @@ class InflationLayer:
                 self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
                 _wipe(self._level, self._cost, self._around(window, self.reach))
 
-    def _update_anew(
-        self, master: np.ndarray, base: np.ndarray, window: Window
-    ) -> Optional[Window]:
-        """Update with a reach beyond MAX_REACH: spread everything anew, as C++ always does."""
-        written_window = self._around(window, 2 * self.reach)
-        left, bottom, right, top = written_window
-        cells = master[bottom:top, left:right]
-        old_cells = cells.copy()
-        cells[:] = base[bottom:top, left:right]
-        if self._entries is None:
-            self._seen = np.zeros(master.shape, np.uint8)
-            self._entries = np.empty((5 * master.size, 4), np.int32)
-        _inflate(
-            master,
-            self._seen,
-            self._entries,
-            self._rank,
-            self._level_cost,
-            self.parameters.inflate_unknown,
-            self._around(window, self.reach),
-        )
-        return None if np.array_equal(old_cells, cells) else written_window
-
 
 @kernel
 def _wipe(level: Data, cost: Data, window: Window) -> None:
     """Remove the spread from the cells of a window."""
+    none = np.iinfo(level.dtype).max
     left, bottom, right, top = window
     for row in range(bottom + 1, top + 1):
-        level[row, left + 1 : right + 1] = brushfire.NONE
+        level[row, left + 1 : right + 1] = none
         cost[row, left + 1 : right + 1] = 0
 
 
@@ -363,102 +341,3 @@ def _apply(
     while changed_columns[end_column - 1] == 0:
         end_column -= 1
     return left + first_column, first_row, left + end_column, last_row + 1
-
-
-@kernel
-def _inflate(
-    master: Data,
-    seen: Data,
-    entries: Data,
-    rank: Data,
-    level_cost: Data,
-    inflate_unknown: bool,
-    window: Window,
-) -> None:
-    """Spread costs as C++ does, with one queue per distance (inflation_layer.cpp, updateCosts).
-
-    Rows of entries (m, 4): x, y, source (as x + columns y), next entry of the same distance.
-    rank[dy, dx] is the rank of the distance of an offset [cells], -1 beyond the reach.
-    """
-    rows, columns = master.shape
-    left, bottom, right, top = window
-    rank_count = level_cost.shape[0] - 1
-    first_entry = np.full(rank_count, -1, np.int64)
-    last_entry = np.full(rank_count, -1, np.int64)
-    # The seeds, row by row as in C++.
-    queued = 0
-    for row in range(bottom, top):
-        for column in range(left, right):
-            if master[row, column] == LETHAL:
-                queued = _append(
-                    entries, queued, column, row, row * columns + column, 0, first_entry, last_entry
-                )
-
-    for entry_rank in range(rank_count):
-        entry = first_entry[entry_rank]
-        while entry >= 0:
-            column = entries[entry, 0]
-            row = entries[entry, 1]
-            source = entries[entry, 2]
-            # The first entry of a cell decides its source.
-            if seen[row, column] == 0:
-                seen[row, column] = 1
-                new_cost = level_cost[entry_rank + 1]
-                old_cost = master[row, column]
-                if old_cost == UNKNOWN:
-                    if new_cost >= INSCRIBED or (inflate_unknown and new_cost > 0):
-                        master[row, column] = new_cost
-                elif new_cost > old_cost:
-                    master[row, column] = new_cost
-
-                for direction in range(4):
-                    next_column = column - (direction == 0) + (direction == 2)
-                    next_row = row - (direction == 1) + (direction == 3)
-                    if (
-                        not (0 <= next_column < columns and 0 <= next_row < rows)
-                        or seen[next_row, next_column] != 0
-                    ):
-                        continue
-                    next_rank = rank[
-                        abs(next_row - source // columns), abs(next_column - source % columns)
-                    ]
-                    if next_rank > entry_rank:
-                        queued = _append(
-                            entries,
-                            queued,
-                            next_column,
-                            next_row,
-                            source,
-                            next_rank,
-                            first_entry,
-                            last_entry,
-                        )
-            # Read only now, because the loop above may have appended to the same rank.
-            entry = entries[entry, 3]
-
-    for entry in range(queued):
-        seen[entries[entry, 1], entries[entry, 0]] = 0
-
-
-@kernel
-def _append(
-    entries: Data,
-    queued: int,
-    column: int,
-    row: int,
-    source: int,
-    rank: int,
-    first_entry: Data,
-    last_entry: Data,
-) -> int:
-    """Append an entry to the queue of a rank; return the new number of entries."""
-    entries[queued, 0] = column
-    entries[queued, 1] = row
-    entries[queued, 2] = source
-    entries[queued, 3] = -1
-    if first_entry[rank] < 0:
-        first_entry[rank] = queued
-    else:
-        entries[last_entry[rank], 3] = queued
-    last_entry[rank] = queued
-    return queued + 1

@@ -2,6 +2,8 @@
 with C++.
 """
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,7 +26,10 @@ def blank(columns, rows):
     return np.zeros((rows, columns), np.uint8)
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
+RADII = (0.1, 0.3, 0.6, 1.25, 1.5)  # [m]
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(RADII), st.floats(0.005, 0.3))
 @examples(40)
 def test_repairs_equal_spreading_anew(seed, radius, fill):
     """After obstacles change and windows move, the map equals that of C++, which always spreads
@@ -61,6 +66,45 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
         inflate(expected, window, 0.05, 0.265, layer.parameters)
         np.testing.assert_array_equal(master, expected)
         assert_within(master_before != master, changed)
+
+
+def spread_as_in_cpp(master, radius):
+    """Inflate all cells in place in the order of inflation_layer.cpp: a queue for each distance."""
+    rows, columns = master.shape
+    obstacles = [tuple(cell) for cell in np.argwhere(master == 254)]
+    queues = {0.0: [(cell, cell) for cell in obstacles]}
+    seen = set()
+    while queues:
+        distance = min(queues)
+        # Entries of the same distance may be appended on the way.
+        for (row, column), (source_row, source_column) in queues[distance]:
+            if (row, column) in seen:
+                continue
+            seen.add((row, column))
+            cost = cost_at(distance, 0.05, 0.265, 3.0)
+            master[row, column] = max(master[row, column], cost)
+            neighbours = (row, column - 1), (row - 1, column), (row, column + 1), (row + 1, column)
+            for next_row, next_column in neighbours:
+                if not (0 <= next_row < rows and 0 <= next_column < columns):
+                    continue
+                next_distance = math.hypot(next_row - source_row, next_column - source_column)
+                if distance < next_distance <= radius:
+                    entry = (next_row, next_column), (source_row, source_column)
+                    queues.setdefault(next_distance, []).append(entry)
+        del queues[distance]
+
+
+# 25 cells is the largest radius whose levels are narrow, 200 cells is larger than the map.
+@pytest.mark.parametrize("radius", [6, 25, 26, 40, 200])
+def test_a_spread_of_any_width_is_that_of_cpp(radius):
+    rng = np.random.default_rng(radius)
+    layer = make(60, 50, InflationParameters(0.05 * radius - 0.01, 3.0))
+    master = blank(60, 50)
+    master[rng.random(master.shape) < 0.005] = 254
+    expected = master.copy()
+    spread_as_in_cpp(expected, radius)
+    layer.update(master, master.copy(), (0, 0, 60, 50))
+    np.testing.assert_array_equal(master, expected)
 
 
 def assert_within(differs, window):

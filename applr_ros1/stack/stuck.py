@@ -1,0 +1,136 @@
+"""Stuck: who finds that the robot is stuck, and what is done about it, in this order.
+
+1. Commands do not pass: for half a second the collision monitor blocks nearly all of each command,
+   or for two seconds the planner finds none. Then an Escape (planner/escape.py) makes small
+   motions. This package's planner has it in its state machine. A planner without one, such as the
+   C++ move_base, is watched from outside by a StalledPlanner.
+2. The planner has no plan or no command for its patience, oscillates, or all escape motions have
+   failed: the recoveries of C++ (planner/recovery.py), in the same state machine.
+3. The robot stays at its place or in a dead end for seconds, whatever it is commanded: Stuck
+   (policy/stall.py). StallRule then clears the costmaps and replaces the method's parameters.
+4. In training, a Stall (policy/stall.py) of the true position may end the course (drives/judge.py).
+
+The first two act on single commands, in each control cycle, the others on decisions. Simulated
+drives (stack.py) and the collision monitor's node (nodes/monitor/node.py) share these classes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, Hashable, NamedTuple, Optional
+
+from applr_ros1.monitor.monitor import Verdict
+from applr_ros1.monitor.motion import Twist
+from applr_ros1.planner.escape import BLOCKED, Escape
+
+# Maximum age of a plan [s]. A planner without a valid command plans again in each cycle.
+FRESH_S = BLOCKED
+# Judges (command, whether the command may creep) for the base, as CollisionMonitor.filter does.
+Judge = Callable[[Twist, bool], Verdict]
+
+
+class Progress(NamedTuple):
+    """Knowledge of the planner's goal.
+
+    Attributes:
+        goal: Identifier of the active goal; None if there is none or it is being cancelled.
+        plan_time: Time at which the latest plan came [s].
+        distance: Straight-line distance from the begin to the end of this plan [m]; None for an
+            empty plan.
+    """
+
+    goal: Optional[Hashable] = None
+    plan_time: float = -math.inf
+    distance: Optional[float] = None
+
+    def left(self, now: float) -> Optional[float]:
+        """Return the distance that is left at a time [m]; None if it is not known."""
+        # A plan that the planner has not renewed says nothing about the way that is left.
+        return self.distance if now - self.plan_time <= FRESH_S else None
+
+
+class StalledPlanner:
+    """Stall detector for one planner, with the Escape motions to free the robot.
+
+    A planner has stalled if its goal is active and not reached, it has a plan, and it commands zero
+    or only velocities that the monitor blocks.
+
+    Args:
+        tolerance: distance from the goal within which the planner may stop because it counts the
+            goal as reached [m].
+    """
+
+    def __init__(self, tolerance: float):
+        self._tolerance = tolerance
+        self._begin(None)
+
+    def _begin(self, goal: Optional[Hashable]) -> None:
+        self._goal = goal
+        self._escape = Escape()
+        self._escape.report(False)  # Without a report, an Escape makes no motion.
+        self._has_stood = False  # whether the last command was zero
+
+    def report_held(self, held: bool) -> None:
+        """Record whether the monitor blocked the last command (Verdict.blocked)."""
+        self._escape.report(held)
+
+    @property
+    def has_stalled(self) -> bool:
+        """True from the first escape motion until the planner's commands have passed for a time."""
+        return self._escape.is_held
+
+    def instead(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
+        """Return the escape motion (v [m/s], w [rad/s]) to drive, or None to keep the command.
+
+        Args:
+            now: Current time [s].
+            command: (v, w) of the planner; zeros if it is silent.
+            progress: Knowledge of the planner's goal.
+        """
+        if progress.goal != self._goal:
+            self._begin(progress.goal)
+        if progress.goal is None or not all(map(math.isfinite, command)):
+            self._escape.restart()
+            return None
+        is_standing = command == (0.0, 0.0)
+        distance = progress.left(now)
+        # The planner plans, recovers, or has arrived.
+        if is_standing and (distance is None or distance <= self._tolerance):
+            self._escape.restart()
+            return None
+
+        # The planner's own command passes as soon as there is one again.
+        if self._has_stood and not is_standing:
+            self._escape.give_way()
+        self._has_stood = is_standing
+        motion = self._escape.instead(now, is_standing)
+        return None if self._escape.is_exhausted else motion
+
+
+class CommandChain:
+    """Escape motions and a collision monitor, in the order in which they change a command.
+
+    Args:
+        escapes: Detector of a stalled planner that makes no escape motions itself; None for one
+            that does.
+    """
+
+    def __init__(self, escapes: Optional[StalledPlanner] = None):
+        self.escapes = escapes
+
+    def escape(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
+        """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
+        return None if self.escapes is None else self.escapes.instead(now, command, progress)
+
+    def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
+        """Return the verdict on a planner's command, or on the escape motion that replaces it."""
+        judged_command = command
+        may_creep = True
+        if motion is not None:
+            judged_command = motion
+            # An escape motion is small: slowed to a creep, it would free nothing.
+            may_creep = False
+        verdict = judge(judged_command, may_creep)
+        if self.escapes is not None:
+            self.escapes.report_held(verdict.blocked)
+        return verdict
