@@ -12,6 +12,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import COLUMNS, Sender, TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
 from applr_ros1.drives.frames import Tree
+from applr_ros1.drives.paths import path_of
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import fitting
 from applr_ros1.why.fitting import followed_plans, plans_of
@@ -19,7 +20,6 @@ from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
 from training.bags.maker import Maker
-from training.bags.paths import path_of
 from training.bags.read import BagError, read
 from training.bags.write import BagWriter, write
 from training.why.recorded import RecordedOptions, recording_of
@@ -222,7 +222,7 @@ def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatc
     bag_path = write(tmp_path / "drive.bag", until(driven, 2.0))
     our_drive = read(bag_path)
     # None stands for a path that cannot be read at once.
-    monkeypatch.setattr("training.bags.paths.path_of", lambda raw: None)
+    monkeypatch.setattr("applr_ros1.drives.paths.path_of", lambda raw: None)
     rosbags_drive = read(bag_path)
     for our_plan, rosbags_plan in zip(our_drive.plans.path, rosbags_drive.plans.path, strict=True):
         # Both compute the yaw from a quaternion; only the order of the operations may differ.
