@@ -10,6 +10,7 @@ from applr_ros1.drives.columns import COLUMNS, TopicNames, topic_of
 
 # Global planners of ROS's navigation, whose plans show where move_base is.
 GLOBAL_PLANNERS = ("NavfnROS", "GlobalPlanner")
+NODES = ("applr", "monitor")  # fields of TopicNames that are names of nodes
 
 
 def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str]) -> TopicNames:
@@ -41,7 +42,9 @@ def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str
         if topic_field.name == "move_base" or topic_field.name in given:
             continue
         topic = robot_namespace + getattr(wanted, topic_field.name)
-        if topic in types:
+        # A node has no topic of its own name, but topics below it.
+        is_node = topic_field.name in NODES
+        if topic in types or (is_node and any(name.startswith(f"{topic}/") for name in types)):
             topics[topic_field.name] = topic
     return replace(wanted, **topics)
 

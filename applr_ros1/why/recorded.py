@@ -21,6 +21,7 @@ CHANNELS = (
     "transforms",
     "commands",
     "planned",
+    "verdicts",
     "changes",
     "plans",
     "routes",

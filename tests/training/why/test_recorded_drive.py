@@ -10,7 +10,16 @@ import pytest
 from applr_ros1.common.angles import compose, inverse, quaternion_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import COLUMNS, Sender, TopicNames
-from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
+from applr_ros1.drives.drive import (
+    Commands,
+    Drive,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    Transforms,
+    Verdicts,
+)
 from applr_ros1.drives.frames import Tree
 from applr_ros1.drives.paths import path_of
 from applr_ros1.robots import JACKAL
@@ -302,9 +311,13 @@ def test_topics_in_the_namespace_around_move_base_are_found(driven, bag_path):
         scan="/robot1/front/scan",
         odometry="/robot1/odometry/filtered",
         command="/robot1/cmd_vel",
+        monitor="/robot1/collision_monitor",
     )
-    write(bag_path, until(driven, 1.0), topics=topics)
-    assert len(read_back(bag_path).scans) > 3
+    verdicts = Verdicts(np.zeros(1), ["stop"], ["a wall"], [True])
+    write(bag_path, replace(until(driven, 1.0), verdicts=verdicts), topics=topics)
+    recording = read_back(bag_path)
+    assert len(recording.scans) > 3
+    assert recording.drive.verdicts.reason == ["a wall"]
 
 
 def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
