@@ -97,7 +97,7 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
         raise _unconnected(drive.frame, odometry_frame)
     moved = _with_poses(columns.odometry, places.base)
     clock_notes = _compared_clocks(laser.scans, moved.motion)
-    driven = _with_velocities(moved.motion)
+    driven = with_velocities(moved.motion)
     drive = replace(
         drive,
         odometry=driven.motion,
@@ -277,7 +277,7 @@ def _compared_clocks(scans: Scans, odometry: Motion) -> List[str]:
 
 
 # -- velocities ------------------------------------------------------------------------------------
-def _with_velocities(motion: Motion) -> Noted:
+def with_velocities(motion: Motion) -> Noted:
     """Return a motion with the velocities of its poses, if its own are left at 0."""
     check = OdometryCheck()
     for stamp, (x, y, yaw), (v, w) in _messages(motion):
