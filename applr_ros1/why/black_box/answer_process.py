@@ -74,10 +74,14 @@ class AnswerProcess:
             self._job = None
         if not has_ended and elapsed < PATIENCE_S:
             return None
-        latest_answer = None
+        latest_answer = job.given_answer
         with suppress(Empty):
             while True:
                 latest_answer = job.answers.get_nowait()
+        # The last answer may be the first one, which was given before.
+        if latest_answer == job.given_answer:
+            return None
+        job.given_answer = latest_answer
         return latest_answer
 
     def end(self) -> None:
@@ -95,12 +99,14 @@ class _Job:
         process: The process.
         answers: Answers that it has printed.
         listener: Thread that reads them.
+        given_answer: Answer that was returned; None before the first one.
         begin_time: time.monotonic() of its begin.
     """
 
     def __init__(self, process: subprocess.Popen[bytes]):
         self.process = process
         self.answers: SimpleQueue[Dict[str, Any]] = SimpleQueue()
+        self.given_answer: Optional[Dict[str, Any]] = None
         self.listener = threading.Thread(target=_listen, args=[process, self.answers], daemon=True)
         self.listener.start()
         self.begin_time = time.monotonic()

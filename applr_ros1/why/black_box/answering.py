@@ -120,7 +120,9 @@ def answers_of(
     event = _event_of(stop, begin, events.find(drive, motion, limits), drive)
     rate = robot.parameters().get("controller_frequency") or USUAL_RATE
     give_outside_reason(event, drive, 1.0 / float(rate))
-    outside_answer = _with_event(first_answer, event, begin)
+    # The place stays in the frame of the odometry, which may not be that of the replay.
+    x, y = event.place
+    outside_answer = replace(_with_event(first_answer, event, begin), x=x, y=y)
     if robot.local_planner not in REPLAYED:
         yield replace(outside_answer, note=OTHER_PLANNER)
         return
@@ -197,14 +199,11 @@ def _event_of(stop: Stop, begin: float, found_events: List[Event], drive: Drive)
 
 def _with_event(answer: StopAnswer, event: Event, begin: float) -> StopAnswer:
     """Return an answer with what is known of the event."""
-    x, y = event.place
     return replace(
         answer,
         kind=event.kind,
         begin=begin + event.begin,
         end=begin + event.end,
-        x=x,
-        y=y,
         reason=event.reason,
     )
 

@@ -87,7 +87,7 @@ class BlackBox:
         self._folder = folder
         self._process = process
         self._moment = moment
-        self._text = text_of(driven)
+        self.describe(driven)
         self._detector = StopDetector(driven.robot)
         # guards detector, bags and the latest time
         self._lock = threading.Lock()
@@ -97,6 +97,10 @@ class BlackBox:
         self.stop_count = 0
         self.lost_count = 0
         self.problem = ""
+
+    def describe(self, driven: DescribedRobot) -> None:
+        """Describe the robot in the bags, as when a topic is found under another name."""
+        self._text = text_of(driven)
 
     def take(
         self, message: RawMessage, source: TopicSource, unpacked: Callable[[], Received]

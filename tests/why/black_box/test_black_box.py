@@ -236,6 +236,11 @@ def test_the_first_answer_is_given_if_the_last_one_takes_long(monkeypatch):
     assert answer_within(process, 20.0) == "early"
     assert answer_within(process, 20.0) == "late"
 
+    same = process_of(READS + "import time; print(1, flush=True); time.sleep(1.5); print(1)")
+    same.ask(STOP, MESSAGES)
+    assert answer_within(same, 20.0) == 1
+    assert answer_within(same, 5.0) is None
+
 
 def test_the_next_stop_ends_the_process_of_the_one_before():
     process = process_of(READS + "import time; print(json.loads(line)[1]); time.sleep(0.5)")
