@@ -31,8 +31,10 @@ def limits_of(
         robot: Robot that drove.
         values_at_start: The start_values of its local planner.
     """
-    planner = robot.local_planner
-    values = dict(values_at_start)
+    planner = planner_of(drive, robot)
+    values: Dict[str, Any] = {}
+    if planner == robot.local_planner:
+        values.update(values_at_start)
     fastest_speed = float(np.abs(odometry.twist[:, 0]).max(initial=0.0))
     speed = np.full(len(odometry), _first(values, SPEEDS, fastest_speed))
     turn = np.full(len(odometry), _first(values, TURNS, USUAL_TURN))
@@ -51,6 +53,13 @@ def limits_of(
         scale=robot.world_scale,
         end=drive.end,
     )
+
+
+def planner_of(drive: Drive, robot: Robot) -> str:
+    """Return the local planner that drove: the robot's, unless only others have shown plans."""
+    if drive.planners and robot.local_planner not in drive.planners:
+        return drive.planners[0]
+    return robot.local_planner
 
 
 def start_values(robot: Robot) -> Mapping[str, Any]:

@@ -46,6 +46,8 @@ from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import DescribedRobot, driving, unknown_robot
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.ring import Ring
+from applr_ros1.why.limits import REPLAYED
+from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.recorded import CHANNELS
 
 LOOK_S = 1.0  # interval between two looks for a stop, in wall time [s]
@@ -155,6 +157,8 @@ class BlackBoxNode:
             robot.local_planner,
             self._folder.path,
         )
+        if robot.local_planner not in REPLAYED:
+            rospy.loginfo("black box: %s", OTHER_PLANNER)
 
     def _robot(self, move_base: str) -> Tuple[Robot, bool]:
         """Return the robot with the parameters of its move_base, and whether it is described."""

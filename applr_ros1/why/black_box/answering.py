@@ -23,14 +23,15 @@ from applr_ros1.why.black_box.stops import SAVED, Stop
 from applr_ros1.why.diagnosis import Diagnosis, explain_event, give_outside_reason
 from applr_ros1.why.events import Event
 from applr_ros1.why.explanation import part_of_robot
-from applr_ros1.why.fitting import with_velocities
-from applr_ros1.why.limits import REPLAYED, limits_of, start_values
+from applr_ros1.why.outside import (
+    OTHER_PLANNER,
+    control_period,
+    is_other_planner,
+    seen_from_outside,
+)
 from applr_ros1.why.recorded import CHANNELS, recording_from
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
-
-USUAL_RATE = 20.0  # control rate of a planner that has none of its own [Hz]
-OTHER_PLANNER = "the planner's own reasons are known for " + " and ".join(REPLAYED) + " only"
 
 # Returns a message as an object.
 Deserialize = Callable[[Publication, bytes], Any]
@@ -78,7 +79,8 @@ class StopAnswer:
             sentence += f", because {self.reason}"
         if self.parameter:
             sentence += f"; try {self.parameter} {self.before:g} -> {self.after:g}"
-        if self.note:
+        # Of a planner it is said once, when the black box begins.
+        if self.note and self.note != OTHER_PLANNER:
             sentence += f" ({self.note})"
         return sentence
 
@@ -115,15 +117,13 @@ def answers_of(
         yield replace(first_answer, reason="there is no odometry")
         return
     robot = described_robot.robot
-    motion = with_velocities(drive.odometry).motion
-    limits = limits_of(drive, motion, robot, start_values(robot))
-    event = _event_of(stop, begin, events.find(drive, motion, limits), drive)
-    rate = robot.parameters().get("controller_frequency") or USUAL_RATE
-    give_outside_reason(event, drive, 1.0 / float(rate))
+    event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot))
+    # A moment that is no event has no reason yet.
+    give_outside_reason(event, drive, control_period(robot))
     # The place stays in the frame of the odometry, which may not be that of the replay.
     x, y = event.place
     outside_answer = replace(_with_event(first_answer, event, begin), x=x, y=y)
-    if robot.local_planner not in REPLAYED:
+    if is_other_planner(drive, robot):
         yield replace(outside_answer, note=OTHER_PLANNER)
         return
     yield outside_answer
@@ -171,14 +171,13 @@ def _types(messages: Sequence[RawMessage]) -> Dict[str, str]:
     return {message.publication.topic: message.publication.type for message in messages}
 
 
-def _event_of(stop: Stop, begin: float, found_events: List[Event], drive: Drive) -> Event:
+def _event_of(stop: Stop, begin: float, found_events: List[Event]) -> Event:
     """Return the event that is the stop.
 
     Args:
         stop: The stop.
         begin: Begin of the drive [s, by the robot's clock].
         found_events: Events of the drive.
-        drive: The drive.
     """
     stop_begin = stop.begin - begin
     stop_end = stop.end - begin
@@ -228,7 +227,7 @@ def _replayed(
         raise ApplrError("no command has a plan, a scan and odometry")
     begin = messages[0].time / SECOND
     found_events = events.find(replay.drive, recording.odometry, replay.limits)
-    event = _event_of(stop, begin, found_events, replay.drive)
+    event = _event_of(stop, begin, found_events)
     explained = explain_event(replay, event)
     answer = replace(_with_event(answer, event, begin), reproduced=replay.share)
     if event.is_outside:
