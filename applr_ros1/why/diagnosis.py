@@ -59,7 +59,7 @@ class Diagnosis:
     @property
     def longest(self) -> Optional[Event]:
         """Event that took most time."""
-        return max(self.events, key=lambda event: event.seconds, default=None)
+        return events.longest(self.events)
 
     @property
     def wants_remedy(self) -> bool:

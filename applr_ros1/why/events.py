@@ -7,7 +7,7 @@ afterwards (reasons.py, diagnosis.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Iterator, List, NamedTuple, Tuple
+from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -135,6 +135,11 @@ def find(drive: Drive, odometry: Motion, limits: Limits) -> List[Event]:
     found_events += _unheard(odometry, is_pursued, limits.end)
     found_events.sort(key=lambda event: event.begin)
     return list(_traps(found_events, TRAP_M * limits.scale))
+
+
+def longest(found_events: Sequence[Event]) -> Optional[Event]:
+    """Return the event that took most time, or None."""
+    return max(found_events, key=lambda event: event.seconds, default=None)
 
 
 def around(at: float, odometry: Motion, limits: Limits) -> Event:

@@ -56,10 +56,16 @@ def limits_of(
 
 
 def planner_of(drive: Drive, robot: Robot) -> str:
-    """Return the local planner that drove: the robot's, unless only others have shown plans."""
-    if drive.planners and robot.local_planner not in drive.planners:
-        return drive.planners[0]
-    return robot.local_planner
+    """Return the local planner that drove: the robot's, unless only others have shown plans.
+
+    Among several others, one that is replayed counts.
+    """
+    if not drive.planners or robot.local_planner in drive.planners:
+        return robot.local_planner
+    for planner in drive.planners:
+        if planner in REPLAYED:
+            return planner
+    return drive.planners[0]
 
 
 def start_values(robot: Robot) -> Mapping[str, Any]:

@@ -9,9 +9,9 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.names import missing, missing_plans
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.robots import Robot
 from applr_ros1.why.fitting import fitted, other_robot
+from applr_ros1.why.limits import planner_of
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 
@@ -63,16 +63,9 @@ def recording_from(
 
 def _check_planner(drive: Drive, robot: Robot, is_given: bool) -> None:
     """Raise ApplrError if another local planner drove."""
-    if not drive.planners:
-        return
-    # A robot with a planner that nothing here replays need not be given.
-    replayed_planners = list(map(namespace, LOCAL_PLANNERS))
-    known_planners = [planner for planner in drive.planners if planner in replayed_planners]
-    if not known_planners:
-        drives_in_words = f"only drives of {' and '.join(replayed_planners)} are replayed"
-        raise ApplrError(f"{drive.planners[0]} drove: {drives_in_words}")
-    if robot.local_planner not in known_planners:
-        planners_in_words = f"{known_planners[0]} drove, {robot.name} has {robot.local_planner}"
+    planner = planner_of(drive, robot)
+    if planner != robot.local_planner:
+        planners_in_words = f"{planner} drove, {robot.name} has {robot.local_planner}"
         raise other_robot(planners_in_words, "its base_local_planner is another", is_given)
 
 

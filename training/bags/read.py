@@ -60,6 +60,20 @@ def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
     return message_types
 
 
+def text_on(path: os.PathLike[str] | str, topic: str) -> Optional[str]:
+    """Return the last text (std_msgs/String) on a topic of a bag, or None."""
+    text = None
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        connections = [entry for entry in reader.connections if entry.topic == topic]
+        # Without connections, rosbags would return every message.
+        if not connections:
+            return None
+        for connection, _, raw_message in reader.messages(connections):
+            message: Any = reader.deserialize(raw_message, connection.msgtype)
+            text = str(message.data)
+    return text
+
+
 def _messages(path: Path, topics: TopicNames, columns: Optional[Collection[str]]) -> List[Received]:
     """Return the messages of some columns in order of recording."""
     messages = []

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Dict, TypeVar
 
+from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.names import names_in
+from applr_ros1.why.black_box.description import TOPIC, described_by
+from applr_ros1.why.limits import REPLAYED, planner_of
+from applr_ros1.why.outside import is_other_planner
 from applr_ros1.why.recorded import CHANNELS, recording_from
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 from training.bags.options import BagOptions
-from training.bags.read import read, refused, topics_in
+from training.bags.read import BagError, read, refused, text_on, topics_in
 from training.common.options import option
 
 
@@ -17,6 +22,48 @@ class RecordedOptions(BagOptions):
     """Options of a recorded drive."""
 
     move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
+
+
+SomeOptions = TypeVar("SomeOptions", bound=RecordedOptions)
+
+
+class OtherPlannerError(BagError):
+    """Error of a bag in which a local planner drove that is not replayed.
+
+    Attributes:
+        drive: The drive.
+        planner: Name of the planner.
+    """
+
+    def __init__(self, path: Path, drive: Drive, planner: str):
+        replayed = " and ".join(REPLAYED)
+        super().__init__(f"{path}: {planner} drove: only drives of {replayed} are replayed")
+        self.drive = drive
+        self.planner = planner
+
+
+def with_description(path: Path, options: SomeOptions) -> SomeOptions:
+    """Return options with the robot and the topics that the black box describes in its bag.
+
+    What a person gave stays. Of a robot whose body nobody knows, nothing is driven in simulation.
+    """
+    with refused(path):
+        text = text_on(path, TOPIC)
+        if text is None:
+            return options
+        described = described_by(text, path.name)
+    found = {"robot": described.robot, **vars(described.topics)}
+    update: Dict[str, Any] = {}
+    for option_name, value in found.items():
+        if option_name in type(options).model_fields:
+            update[option_name] = value
+    if not described.is_known:
+        update["quick"] = True
+    for option_name in options.model_fields_set:
+        update.pop(option_name, None)
+    if "robot" in options.model_fields_set:
+        update.pop("quick", None)
+    return options.model_copy(update=update)
 
 
 def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) -> Recording:
@@ -28,6 +75,7 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         planner: Planner of the robot, which cuts the global planner's plans.
 
     Raises:
+        OtherPlannerError: A local planner drove that is not replayed.
         BagError: The bag cannot be read, lacks odometry, scans, commands or plans, another robot or
             planner drove, or the frames of its messages do not fit.
     """
@@ -39,4 +87,7 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         # Topics that are options are not looked for.
         names = names_in(types, options.topics(), options.given_topics())
         drive = read(path, robot, names, CHANNELS)
+    if is_other_planner(drive, robot):
+        raise OtherPlannerError(path, drive, planner_of(drive, robot))
+    with refused(path):
         return recording_from(drive, names, types, planner, robot, is_given)
