@@ -31,7 +31,7 @@ from visualization_msgs.msg import Marker
 
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, run_script
-from applr_ros1.common.ros_node import LARGE_BUFFER, init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.names import Connections, names_beside, names_in
 from applr_ros1.drives.received import TopicSource, received, sources_of
@@ -174,7 +174,6 @@ class BlackBoxNode:
             topic,
             rospy.AnyMsg,
             partial(self._take, source, topic),
-            buff_size=LARGE_BUFFER,
             tcp_nodelay=True,
         )
 

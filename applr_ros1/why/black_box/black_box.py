@@ -18,7 +18,7 @@ from applr_ros1.why.black_box.answer_process import AnswerProcess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.description import TOPIC, TYPE, DescribedRobot, text_of
 from applr_ros1.why.black_box.folder import StopFolder
-from applr_ros1.why.black_box.ring import JUMP_NS, Ring
+from applr_ros1.why.black_box.ring import JUMP_NS, Ring, RouteFilter
 from applr_ros1.why.black_box.stops import Stop, StopDetector
 
 AFTER_S = 10.0  # time after a stop that its bag has, too [s]
@@ -91,6 +91,7 @@ class BlackBox:
         self._detector = StopDetector(driven.robot)
         # guards detector, bags and the latest time
         self._lock = threading.Lock()
+        self._routes = RouteFilter()
         self._asked: List[PendingBag] = []
         self._pending: List[PendingBag] = []
         self._latest_time = 0
@@ -118,7 +119,9 @@ class BlackBox:
             self._latest_time = message.time
             if self._detector.wants(source.key, message.time):
                 self._detector.take(unpacked())
-        self._ring.add(message, source.key in HOLDING)
+            is_kept = self._routes.keeps(source.key, message)
+        if is_kept:
+            self._ring.add(message, source.key in HOLDING)
 
     def _start_anew(self) -> None:
         """Keep what the pending bags have so far: the clock jumped back."""

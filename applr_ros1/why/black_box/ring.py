@@ -13,11 +13,47 @@ JUMP_NS = SECOND // 2  # step back of the time of messages from which on the clo
 MESSAGE_BYTES = 200  # memory that a message takes beside its data: objects of Python [bytes]
 
 
+ROUTES_NS = SECOND  # interval between plans of the global planner that are kept [ns]
+# A path without poses is its header alone, whose frame has a short name; a pose has 72 bytes more.
+EMPTY_BYTES = 85
+
+
 class Kept(NamedTuple):
     """Message in the ring, and whether it holds until the next one of its publication."""
 
     message: RawMessage
     holds: bool
+
+
+class RouteFilter:
+    """Leaves out plans of the global planner that no answer needs.
+
+    Beside the plans that the local planner follows, only the goal at their ends and the times
+    without a plan are read. They are half of all bytes of a robot that plans in every cycle.
+    """
+
+    def __init__(self) -> None:
+        self._followed_until = 0  # time until which a followed plan counts as the latest [ns]
+        self._next_route = 0  # time from which on the next plan is kept [ns]
+        self._was_empty = True
+
+    def keeps(self, key: str, message: RawMessage) -> bool:
+        """Return whether a message of a topic of COLUMNS is kept."""
+        # DWAPlannerROS publishes empty plans while it finds no command.
+        if key == "plans" and len(message.data) >= EMPTY_BYTES:
+            self._followed_until = message.time + ROUTES_NS
+        if key != "routes":
+            return True
+        is_empty = len(message.data) < EMPTY_BYTES
+        is_followed = message.time < self._followed_until
+        is_repeated = is_empty == self._was_empty and message.time < self._next_route
+        # After a jump of the clock, the times of before say nothing.
+        is_earlier = message.time < self._next_route - ROUTES_NS
+        if is_followed and is_repeated and not is_earlier:
+            return False
+        self._was_empty = is_empty
+        self._next_route = message.time + ROUTES_NS
+        return True
 
 
 class Ring:

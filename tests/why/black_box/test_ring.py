@@ -2,7 +2,7 @@
 
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.ring import MESSAGE_BYTES, Ring
+from applr_ros1.why.black_box.ring import MESSAGE_BYTES, Ring, RouteFilter
 
 SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
 PLAN = Publication("/plan", "nav_msgs/Path", "")
@@ -57,6 +57,32 @@ def test_what_holds_until_the_next_message_stands_at_the_begin():
     ring.add(message(31.0, PLAN, b"third"), holds=True)
     ring.add(message(32.0))
     assert {entry.data for entry in ring.messages(32 * SECOND)} == {b"third", b"another", b"scan"}
+
+
+def test_beside_followed_plans_routes_are_kept_once_a_second():
+    full = b"x" * 5000
+    empty = b"x" * 28
+    routes = RouteFilter()
+
+    def kept(key, begin, end, data=full):
+        """Return the number of messages that are kept of those at 20 Hz from begin to end [s]."""
+        times = [begin + 0.05 * step for step in range(round((end - begin) * 20))]
+        return sum(routes.keeps(key, message(time, PLAN, data)) for time in times)
+
+    # Without followed plans, the replay cuts them from all routes.
+    assert kept("routes", 0.0, 2.0) == 40
+    for second in range(2, 12):
+        assert kept("plans", second, second + 1) == 20
+        assert kept("routes", second, second + 1) <= 2
+    # A plan that is lost or found is kept at once.
+    assert kept("plans", 12.0, 12.05) == 1
+    assert kept("routes", 12.05, 12.1, empty) == 1
+    assert kept("routes", 12.1, 12.2, full) == 1
+    # Empty followed plans say nothing, and after a jump of the clock nothing is known.
+    assert kept("plans", 14.0, 15.0, empty) == 20
+    assert kept("routes", 15.0, 16.0) == 20
+    assert kept("plans", 3.0, 3.05) == 1
+    assert kept("routes", 3.05, 3.1) == 1
 
 
 def test_a_clock_that_jumps_back_empties_it_except_for_what_holds():
