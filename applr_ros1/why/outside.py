@@ -1,4 +1,4 @@
-"""What is seen of a drive from outside its local planner, and so of every local planner."""
+"""Events and reasons that are seen from outside the local planner, and so of every one."""
 
 from __future__ import annotations
 

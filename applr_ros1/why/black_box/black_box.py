@@ -46,7 +46,7 @@ class PendingBag:
 
 @dataclass
 class Output:
-    """What a look at the messages has brought.
+    """Output of a look at the messages.
 
     Attributes:
         answer: New answer to a stop, as JSON values.
