@@ -1,17 +1,28 @@
 """Tests of what the black box makes of ROS's messages, and publishes."""
 
 import io
+import json
+import subprocess
+import sys
 
 import pytest
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.nodes.black_box.messages import deserialize
 from applr_ros1.nodes.black_box.node import marker_of, names_of, stop_message
 from applr_ros1.robots import JACKAL
+from applr_ros1.why.black_box.answer_process import job_of
 from applr_ros1.why.black_box.answering import StopAnswer
-from applr_ros1.why.black_box.bag_file import Publication
+from applr_ros1.why.black_box.bag_file import Publication, RawMessage
+from applr_ros1.why.black_box.black_box import DESCRIPTION
+from applr_ros1.why.black_box.description import DescribedRobot, text_of
+from applr_ros1.why.black_box.stops import Stop
+from tests.support import HANGS, ROOT
+from tests.support.raw_messages import raw_messages
+from tests.support.replays import PLANNER, spoilt_drive
 
 ANSWER = StopAnswer(
     kind="stood",
@@ -74,3 +85,42 @@ def test_names_are_the_robots_unless_a_parameter_gives_them():
     assert names.odometry == "/wheels"
     assert (names.move_base, names.monitor) == ("/move_base", "/collision_monitor")
     assert given == {"odometry"}
+
+
+# The program of the process, on a robot without the packages of a desk
+PROGRAM = """
+import runpy, sys
+for package in ("torch", "gymnasium", "rosbags", "pandas", "tqdm", "ray", "training"):
+    sys.modules[package] = None
+runpy.run_module("applr_ros1.nodes.black_box.answer", run_name="__main__")
+"""
+
+
+def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk(tmp_path):
+    robot, drive = spoilt_drive()
+    messages = raw_messages(tmp_path / "drive.bag", drive, robot=robot)
+    text = text_of(DescribedRobot(robot, TopicNames.of(robot), True)).encode()
+    serialised = len(text).to_bytes(4, "little") + text
+    description = RawMessage(messages[0].time, DESCRIPTION, serialised)
+    job = job_of(Stop("crept", 3.0, 9.0, (0.5, 0.25)), [description, *messages])
+
+    answered = subprocess.run(
+        [sys.executable, "-c", PROGRAM], input=job, capture_output=True, cwd=ROOT, timeout=HANGS
+    )
+
+    assert answered.returncode == 0, answered.stderr
+    first_answer, answer = map(json.loads, answered.stdout.splitlines())
+    assert (first_answer["kind"], first_answer["reason"]) == ("crept", "")
+    assert answer["reason"].startswith("no faster way is sampled than 0.10 m/s")
+    assert answer["parameter"] == f"{PLANNER}/vx_samples"
+    # What cannot be answered ends in one line.
+    refused = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        input=job_of(Stop("crept", 3.0, 9.0, (0.5, 0.25)), messages),
+        capture_output=True,
+        cwd=ROOT,
+        timeout=HANGS,
+    )
+    assert refused.returncode == 1
+    (line,) = refused.stderr.decode().splitlines()
+    assert line.startswith("black box: no message on /black_box/parameters")
