@@ -19,7 +19,7 @@ from applr_ros1.why.black_box.answering import StopAnswer
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, text_of
-from applr_ros1.why.black_box.stops import Stop
+from applr_ros1.why.black_box.stops import RobotStop
 from tests.support import HANGS, ROOT
 from tests.support.raw_messages import raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -102,7 +102,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     text = text_of(DescribedRobot(robot, TopicNames.of(robot), True)).encode()
     serialised = len(text).to_bytes(4, "little") + text
     description = RawMessage(messages[0].time, DESCRIPTION, serialised)
-    job = job_of(Stop("crept", 3.0, 9.0, (0.5, 0.25)), [description, *messages])
+    job = job_of(RobotStop("crept", 3.0, 9.0, (0.5, 0.25)), [description, *messages])
 
     answered = subprocess.run(
         [sys.executable, "-c", PROGRAM], input=job, capture_output=True, cwd=ROOT, timeout=HANGS
@@ -116,7 +116,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     # What cannot be answered ends in one line.
     refused = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=job_of(Stop("crept", 3.0, 9.0, (0.5, 0.25)), messages),
+        input=job_of(RobotStop("crept", 3.0, 9.0, (0.5, 0.25)), messages),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,

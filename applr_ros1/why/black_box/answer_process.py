@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Dict, Optional, Sequence
 
 from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
-from applr_ros1.why.black_box.stops import Stop
+from applr_ros1.why.black_box.stops import RobotStop
 
 NICE = "10"  # priority of the process, far behind the control loop
 LONGEST_S = 60.0  # time after which a process that has not ended is killed [s]
@@ -39,7 +39,7 @@ class AnswerProcess:
         """True while the process answers."""
         return self._job is not None and self._job.process.poll() is None
 
-    def ask(self, stop: Stop, messages: Sequence[RawMessage]) -> bool:
+    def ask(self, stop: RobotStop, messages: Sequence[RawMessage]) -> bool:
         """Start the process for a stop.
 
         Args:
@@ -112,20 +112,22 @@ class _Job:
         self.begin_time = time.monotonic()
 
 
-def job_of(stop: Stop, messages: Sequence[RawMessage]) -> bytes:
+def job_of(stop: RobotStop, messages: Sequence[RawMessage]) -> bytes:
     """Return what the process reads: a line with the stop, and a bag."""
     file = io.BytesIO()
     write_messages(file, messages)
     return json.dumps(stop).encode() + b"\n" + file.getvalue()
 
 
-def stop_of(line: bytes) -> Stop:
+def stop_of(line: bytes) -> RobotStop:
     """Return the stop in the first line of a job."""
     kind, begin, end, (x, y) = json.loads(line)
-    return Stop(kind, begin, end, (x, y))
+    return RobotStop(kind, begin, end, (x, y))
 
 
-def _send(process: subprocess.Popen[bytes], stop: Stop, messages: Sequence[RawMessage]) -> None:
+def _send(
+    process: subprocess.Popen[bytes], stop: RobotStop, messages: Sequence[RawMessage]
+) -> None:
     assert process.stdin is not None
     with suppress(OSError):  # It was ended for the next stop.
         process.stdin.write(job_of(stop, messages))

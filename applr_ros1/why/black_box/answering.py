@@ -19,7 +19,7 @@ from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import best_guess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
-from applr_ros1.why.black_box.stops import SAVED, Stop
+from applr_ros1.why.black_box.stops import SAVED, RobotStop
 from applr_ros1.why.diagnosis import Diagnosis, explain_event, give_outside_reason
 from applr_ros1.why.events import Event
 from applr_ros1.why.explanation import part_of_robot
@@ -90,7 +90,7 @@ class StopAnswer:
 
 
 def answers_of(
-    messages: Sequence[RawMessage], stop: Stop, deserialize: Deserialize
+    messages: Sequence[RawMessage], stop: RobotStop, deserialize: Deserialize
 ) -> Iterator[StopAnswer]:
     """Yield what is known of a stop at once, and then the answer with the planner's reasons.
 
@@ -171,7 +171,7 @@ def _types(messages: Sequence[RawMessage]) -> Dict[str, str]:
     return {message.publication.topic: message.publication.type for message in messages}
 
 
-def _event_of(stop: Stop, begin: float, found_events: List[Event]) -> Event:
+def _event_of(stop: RobotStop, begin: float, found_events: List[Event]) -> Event:
     """Return the event that is the stop.
 
     Args:
@@ -212,7 +212,7 @@ def _replayed(
     messages: Sequence[RawMessage],
     drive: Drive,
     described_robot: DescribedRobot,
-    stop: Stop,
+    stop: RobotStop,
 ) -> StopAnswer:
     """Return the answer with the planner's reason, its guess, and how true the replay is.
 

@@ -19,7 +19,7 @@ from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.description import TOPIC, TYPE, DescribedRobot, text_of
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.ring import JUMP_NS, Ring, RouteFilter
-from applr_ros1.why.black_box.stops import Stop, StopDetector
+from applr_ros1.why.black_box.stops import RobotStop, StopDetector
 
 AFTER_S = 10.0  # time after a stop that its bag has, too [s]
 LEAD_S = 15.0  # time before a stop that its answer looks at [s]
@@ -39,13 +39,13 @@ class PendingBag:
         messages: Its messages, if the clock jumped back since; else they are in the ring.
     """
 
-    stop: Stop
+    stop: RobotStop
     moment: str
     messages: Optional[List[RawMessage]] = None
 
 
 @dataclass
-class Output:
+class BoxOutput:
     """Output of a look at the messages.
 
     Attributes:
@@ -137,12 +137,12 @@ class BlackBox:
             self._asked.append(bag)
         return bag.moment
 
-    def look(self, now: float) -> Output:
+    def look(self, now: float) -> BoxOutput:
         """Find a new stop, write the bags that are due, and return what there is to say.
 
         now: Present time by the robot's clock [s].
         """
-        output = Output()
+        output = BoxOutput()
         for bag in self._new_bags(now):
             self.stop_count += 1
             self._ask(bag.stop, output)
@@ -154,7 +154,7 @@ class BlackBox:
     def end(self) -> None:
         """Write what is pending, and end the process that answers."""
         for bag in self._due_bags(math.inf):
-            self._write(bag, Output())
+            self._write(bag, BoxOutput())
         self._process.end()
 
     def _new_bags(self, now: float) -> List[PendingBag]:
@@ -182,7 +182,7 @@ class BlackBox:
             self._pending = waiting_bags
         return due_bags
 
-    def _ask(self, stop: Stop, output: Output) -> None:
+    def _ask(self, stop: RobotStop, output: BoxOutput) -> None:
         """Ask why the robot stopped."""
         output.lines.append(f"the robot {stop.kind} at ({stop.place[0]:.2f}, {stop.place[1]:.2f})")
         begin = round((stop.begin - LEAD_S) * SECOND)
@@ -194,7 +194,7 @@ class BlackBox:
         if is_dropped:
             output.problems.append("the answer to the stop before is dropped for this one")
 
-    def _write(self, bag: PendingBag, output: Output) -> None:
+    def _write(self, bag: PendingBag, output: BoxOutput) -> None:
         """Write the bag of a stop."""
         messages = bag.messages
         if messages is None:

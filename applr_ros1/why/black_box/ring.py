@@ -18,7 +18,7 @@ ROUTES_NS = SECOND  # interval between plans of the global planner that are kept
 EMPTY_BYTES = 85
 
 
-class Kept(NamedTuple):
+class KeptMessage(NamedTuple):
     """Message in the ring, and whether it holds until the next one of its publication."""
 
     message: RawMessage
@@ -72,7 +72,7 @@ class Ring:
         self._seconds = seconds
         self._most_bytes = most_bytes
         self._lock = threading.Lock()
-        self._kept: Deque[Kept] = deque()
+        self._kept: Deque[KeptMessage] = deque()
         self._held: Dict[Publication, RawMessage] = {}
         self._byte_count = 0
 
@@ -101,7 +101,7 @@ class Ring:
             # Times before a jump of the clock cannot be compared with those after it.
             if self._kept and message.time < self._kept[-1].message.time - JUMP_NS:
                 self._drop_all()
-            self._kept.append(Kept(message, holds))
+            self._kept.append(KeptMessage(message, holds))
             self._byte_count += len(message.data) + MESSAGE_BYTES
             earliest = message.time - self._seconds * SECOND
             while self._kept[0].message.time < earliest or self._byte_count > self._most_bytes:

@@ -33,7 +33,7 @@ HELD = "was held by the collision monitor"
 SAVED = "was asked to save"
 
 
-class Stop(NamedTuple):
+class RobotStop(NamedTuple):
     """Stop of the robot.
 
     Attributes:
@@ -83,11 +83,11 @@ class StopDetector:
             self._place = (x, y)
         self._messages.append(message)
 
-    def asked(self, now: float) -> Stop:
+    def asked(self, now: float) -> RobotStop:
         """Return the stop that somebody asks to save at a time [s]."""
-        return Stop(SAVED, now, now, self._place)
+        return RobotStop(SAVED, now, now, self._place)
 
-    def stop(self, now: float) -> Optional[Stop]:
+    def stop(self, now: float) -> Optional[RobotStop]:
         """Return the stop that began a while before `now` [s], or None. Each is returned once."""
         new_stop = None
         for stop in self._stops(now):
@@ -98,7 +98,7 @@ class StopDetector:
                 self._known_until = max(self._known_until, stop.end + PAUSE_S)
         return new_stop
 
-    def _stops(self, now: float) -> List[Stop]:
+    def _stops(self, now: float) -> List[RobotStop]:
         """Return the stops in view, in order of time."""
         self._drop_before(now - VIEW_S)
         if not self._messages:
@@ -113,7 +113,7 @@ class StopDetector:
         stops = []
         for event in events.find(drive, motion, limits):
             if event.kind not in USUAL and event.seconds >= STOP_S:
-                stops.append(Stop(event.kind, event.begin, event.end, event.place))
+                stops.append(RobotStop(event.kind, event.begin, event.end, event.place))
         stops += self._given_up(drive)
         held = self._held(drive, now - begin)
         if held is not None:
@@ -138,15 +138,15 @@ class StopDetector:
             rows += [UnpackedRow(elapsed, row) for row in message.rows]
         return drive_of(unpacked, begin_time, self._robot)
 
-    def _given_up(self, drive: Drive) -> List[Stop]:
+    def _given_up(self, drive: Drive) -> List[RobotStop]:
         """Return the ends of goals that move_base gave up."""
         stops = []
         for goal in drive.goals:
             if goal.status == ABORTED:
-                stops.append(Stop(GAVE_UP, goal.end, goal.end, self._place))
+                stops.append(RobotStop(GAVE_UP, goal.end, goal.end, self._place))
         return stops
 
-    def _held(self, drive: Drive, now: float) -> Optional[Stop]:
+    def _held(self, drive: Drive, now: float) -> Optional[RobotStop]:
         """Return the time for which the collision monitor has held a robot with a goal, if long."""
         if drive.verdicts is None or not drive.goals or not drive.verdicts.blocked[-1]:
             return None
@@ -162,4 +162,4 @@ class StopDetector:
         end = now if now - goal.end < STATUS_S else goal.end
         if goal.status or end - begin < HELD_S:
             return None
-        return Stop(HELD, begin, end, self._place)
+        return RobotStop(HELD, begin, end, self._place)

@@ -12,7 +12,7 @@ from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
-from applr_ros1.why.black_box.stops import SAVED, Stop
+from applr_ros1.why.black_box.stops import SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from tests.support.raw_messages import deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -39,7 +39,7 @@ def answers(path, robot, drive, stop=None, described=None):
     messages = raw_messages(path, drive, robot=robot)
     text = text_of(DescribedRobot(described or robot, TopicNames.of(robot), True)).encode()
     description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
-    stop = stop or Stop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
+    stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
     return list(answers_of([description, *messages], stop, deserialize))
 
 
@@ -105,7 +105,7 @@ def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
 def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     robot, drive = spoilt
     no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
-    stop = Stop("gave up its goal", BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
+    stop = RobotStop("gave up its goal", BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
     _, answer = answers(tmp_path / "gave_up.bag", robot, no_event, stop)
     assert answer.kind == "gave up its goal"
     assert answer.reason.startswith("no faster way is sampled")
@@ -114,7 +114,7 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
 
 def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path):
     robot, drive = spoilt
-    stop = Stop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
+    stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
     _, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
     assert answer.kind == "crept"
 
@@ -123,4 +123,4 @@ def test_messages_without_a_description_are_refused(spoilt, tmp_path):
     _, drive = spoilt
     messages = raw_messages(tmp_path / "drive.bag", drive)
     with pytest.raises(ApplrError, match="no message on /black_box/parameters"):
-        list(answers_of(messages, Stop("stood", 2.0, 8.0, (0.0, 0.0)), deserialize))
+        list(answers_of(messages, RobotStop("stood", 2.0, 8.0, (0.0, 0.0)), deserialize))

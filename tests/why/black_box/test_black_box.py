@@ -15,11 +15,11 @@ from applr_ros1.why.black_box.bag_file import Publication, RawMessage, read_mess
 from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
 from applr_ros1.why.black_box.ring import Ring
-from applr_ros1.why.black_box.stops import Stop
+from applr_ros1.why.black_box.stops import RobotStop
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.why.black_box.test_stops import BEGIN_S, messages_of
 
-STOP = Stop("stood", 3.0, 8.0, (1.0, 2.0))
+STOP = RobotStop("stood", 3.0, 8.0, (1.0, 2.0))
 ODOMETRY = Publication("/odometry", "nav_msgs/Odometry", "")
 
 
