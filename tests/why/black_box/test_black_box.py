@@ -242,8 +242,12 @@ def test_the_first_answer_is_given_if_the_last_one_takes_long(monkeypatch):
     assert answer_within(same, 5.0) is None
 
 
-def test_the_next_stop_ends_the_process_of_the_one_before():
-    process = process_of(READS + "import time; print(json.loads(line)[1]); time.sleep(0.5)")
+def test_the_next_stop_ends_the_process_of_the_one_before(tmp_path):
+    ends = tmp_path / "ends"
+    leaves_a_line = f"open({str(ends)!r}, 'a').write(str(json.loads(line)[1]))"
+    process = process_of(
+        READS + f"import time; print(json.loads(line)[1]); time.sleep(0.5); {leaves_a_line}"
+    )
     slow = process_of("import time; time.sleep(60.0)")
     slow.ask(STOP, MESSAGES)
     assert slow.is_running
@@ -254,6 +258,8 @@ def test_the_next_stop_ends_the_process_of_the_one_before():
     # The job of 2 MB does not fit into a pipe: its sender ends with the process.
     assert process.ask(STOP._replace(begin=4.0), MESSAGES) is True
     assert answer_within(process, 20.0) == 4.0
+    # Only the second one has come to its end.
+    assert ends.read_text() == "4.0"
 
 
 def test_a_process_that_does_not_end_is_killed(monkeypatch):
