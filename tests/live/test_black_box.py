@@ -99,3 +99,27 @@ def test_a_stop_is_answered_and_written(tmp_path):
     assert "Traceback" not in box.node.text, box.node.text
     jackal.close()
     move_base.end()
+
+
+def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path):
+    ros = session()
+    jackal = FakeJackal(POSTS)
+    # The planner samples only its slowest speed.
+    parameters = dict(JACKAL_PARAMETERS)
+    parameters["TrajectoryPlannerROS"] = dict(parameters["TrajectoryPlannerROS"], vx_samples=1)
+    move_base = start(ros, parameters)
+    box = Box(tmp_path / "box")
+    box.node.until("ready beside /move_base")
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(LONGEST))
+    client.send_goal(goal(12.0))
+    box.node.until(lambda: box.answers and box.answers[-1][1].parameter)
+    _, answer = box.answers[-1]
+    assert answer.kind == "crept"
+    assert answer.reason.startswith("no faster way is sampled than 0.1"), answer
+    assert answer.parameter == "TrajectoryPlannerROS/vx_samples"
+    assert answer.reproduced > 0.8, answer
+    client.cancel_goal()
+    assert box.node.end() == 0, box.node.text
+    jackal.close()
+    move_base.end()

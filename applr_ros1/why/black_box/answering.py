@@ -92,7 +92,7 @@ class StopAnswer:
 def answers_of(
     messages: Sequence[RawMessage], stop: RobotStop, deserialize: Deserialize
 ) -> Iterator[StopAnswer]:
-    """Yield what is known of a stop at once, and then the answer with the planner's reasons.
+    """Yield what is known of a stop at once, then with the planner's reason, then with its guess.
 
     Args:
         messages: Messages around the stop, with the description of the robot.
@@ -128,7 +128,7 @@ def answers_of(
         return
     yield outside_answer
     try:
-        yield _replayed(outside_answer, messages, drive, described_robot, stop)
+        yield from _replayed(outside_answer, messages, drive, described_robot, stop)
     except ApplrError as problem:
         yield replace(outside_answer, note=str(problem))
 
@@ -213,8 +213,8 @@ def _replayed(
     drive: Drive,
     described_robot: DescribedRobot,
     stop: RobotStop,
-) -> StopAnswer:
-    """Return the answer with the planner's reason, its guess, and how true the replay is.
+) -> Iterator[StopAnswer]:
+    """Yield the answer with the planner's reason and how true the replay is, then with its guess.
 
     Raises:
         ApplrError: The drive cannot be replayed.
@@ -230,14 +230,15 @@ def _replayed(
     event = _event_of(stop, begin, found_events)
     explained = explain_event(replay, event)
     answer = replace(_with_event(answer, event, begin), reproduced=replay.share)
+    yield answer
     if event.is_outside:
-        return answer
+        return
     part = part_of_robot(replay)
     guesses = guesses_of(Diagnosis(replay, [event], [explained], part))
     guess = best_guess(guesses, replay.top_speed)
     if guess is None:
-        return answer
-    return replace(
+        return
+    yield replace(
         answer,
         parameter=f"{guess.change.server}/{guess.change.name}",
         before=float(guess.change.before),

@@ -45,7 +45,9 @@ def answers(path, robot, drive, stop=None, described=None):
 
 def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     robot, drive = spoilt
-    first_answer, answer = answers(tmp_path / "drive.bag", robot, drive)
+    first_answer, reason, answer = answers(tmp_path / "drive.bag", robot, drive)
+    # The guess takes as long as everything else.
+    assert (reason.reason, reason.parameter) == (answer.reason, "")
     # From outside nothing is wrong.
     assert (first_answer.kind, first_answer.reason) == ("crept", "")
     assert first_answer.reproduced == 0.0
@@ -106,7 +108,7 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     robot, drive = spoilt
     no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
     stop = RobotStop("gave up its goal", BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
-    _, answer = answers(tmp_path / "gave_up.bag", robot, no_event, stop)
+    *_, answer = answers(tmp_path / "gave_up.bag", robot, no_event, stop)
     assert answer.kind == "gave up its goal"
     assert answer.reason.startswith("no faster way is sampled")
     assert (answer.x, answer.y) == (0.5, 0.25)
@@ -115,7 +117,7 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
 def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path):
     robot, drive = spoilt
     stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
-    _, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
+    *_, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
     assert answer.kind == "crept"
 
 
