@@ -9,7 +9,7 @@ import numpy as np
 
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.why import events
-from applr_ros1.why.events import AT_GOAL, Event, Limits
+from applr_ros1.why.events import AT_GOAL, DriveLimits, Event
 from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_robot
 from applr_ros1.why.reasons import (
     held,
@@ -81,7 +81,9 @@ class Diagnosis:
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
-def outside_events(drive: Drive, odometry: Motion, limits: Limits, period: float) -> List[Event]:
+def outside_events(
+    drive: Drive, odometry: Motion, limits: DriveLimits, period: float
+) -> List[Event]:
     """Return the events of a drive with the reasons that are seen from outside the planner.
 
     They need no replay, so that they are known for every local planner.

@@ -9,7 +9,7 @@ import numpy as np
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.robots import Robot
-from applr_ros1.why.events import Limits
+from applr_ros1.why.events import DriveLimits
 
 # Local planners that are replayed
 REPLAYED = tuple(map(namespace, LOCAL_PLANNERS))
@@ -22,7 +22,7 @@ USUAL_TURN = 1.0  # top turn rate of a planner that has none [rad/s]
 
 def limits_of(
     drive: Drive, odometry: Motion, robot: Robot, values_at_start: Mapping[str, Any]
-) -> Limits:
+) -> DriveLimits:
     """Return the limits of a drive, whichever local planner drove.
 
     Args:
@@ -46,7 +46,7 @@ def limits_of(
                 is_later = odometry.time >= change_time
                 speed[is_later] = _first(values, SPEEDS, fastest_speed)
                 turn[is_later] = _first(values, TURNS, USUAL_TURN)
-    return Limits(
+    return DriveLimits(
         speed=speed,
         turn=turn,
         tolerance=_first(values, ("xy_goal_tolerance",), TOLERANCE_M),
