@@ -162,7 +162,7 @@ class Stuck:
         """Forget all positions at the start of a course."""
         self._stall.reset()
         self._dead_end.reset()
-        self._begin_place: Optional[Tuple[float, float]] = None  # where it got stuck [m]
+        self._begin_place: Optional[Tuple[float, float]] = None  # place at which it got stuck [m]
 
     @property
     def stands(self) -> bool:
