@@ -166,7 +166,7 @@ class Stuck:
 
     @property
     def stands(self) -> bool:
-        """Whether the robot has stood for DEAD_END_S."""
+        """True if the robot has stood for DEAD_END_S."""
         return self._dead_end.stands
 
     def update(self, time: float, pose: Pose, v: float, leads_back: Optional[bool]) -> bool:
