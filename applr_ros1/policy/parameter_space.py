@@ -214,18 +214,18 @@ class Space:
         return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
     def settings(self, theta: Any, per_cell: bool = False) -> Settings:
-        """Return the values that parameters (n,) set after clipping: a request per server.
+        """Return the values that parameters (n,) set: a request per server.
 
-        Those of theta_0 are the robot's defaults, which are not clipped.
+        Those of theta_0 are the robot's defaults.
 
         Args:
-            theta: Parameters (n,).
+            theta: Parameters (n,) within the ranges, as the Pilot limits them.
             per_cell: Unit of their distance biases (Settings).
         """
-        return self.settings_of(self.as_dict(self.clip(theta)), per_cell)
+        return self.settings_of(self.as_dict(theta), per_cell)
 
     def settings_of(self, values: Mapping[str, Any], per_cell: bool = False) -> Settings:
-        """Return the values that some parameters {name: value} set, not clipped."""
+        """Return the values that some parameters {name: value} set."""
         settings: Dict[str, Dict[str, Any]] = {}
         for parameter_index, target in self.addresses:
             name = self.names[parameter_index]

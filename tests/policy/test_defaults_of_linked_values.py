@@ -13,6 +13,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import load
 from applr_ros1.robots.learned import default_space
 from applr_ros1.robots.robot import MoveBaseSetup
@@ -84,10 +85,10 @@ def test_a_set_leaves_the_parameters_that_it_does_not_have_as_the_owner_has_them
     [(np.inf, (0.2, 0.15)), (0.18, (0.18, 0.15)), (0.1, (0.1, 0.1))],
 )
 def test_a_speed_limit_lowers_each_speed_and_raises_none(space, max_speed, speeds):
-    limited_space = space.below(max_speed)
-    in_planner = limited_space.settings(space.theta0)[PLANNER]
+    pilot = Pilot(methods.make("dwa", BURGER), BURGER, max_speed=max_speed)
+    in_planner = pilot.space.settings(pilot.defaults().theta)[PLANNER]
     assert (in_planner["max_vel_x"], in_planner["max_vel_trans"]) == speeds
-    fastest = limited_space.settings(space.high)[PLANNER]
+    fastest = pilot.space.settings(pilot.limited(space.high))[PLANNER]
     assert max(fastest["max_vel_x"], fastest["max_vel_trans"]) <= max_speed
     assert_owners(space.settings(space.theta0))
 
@@ -139,8 +140,9 @@ def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limi
     assert_owners(values_of(client))
     assert client.theta().tolist() == space.theta0.tolist()
 
-    client = started_client(space.below(0.18))
-    assert applied(client, space.theta0)
+    pilot = Pilot(methods.make("dwa", BURGER), BURGER, max_speed=0.18)
+    client = started_client(pilot.space)
+    assert applied(client, pilot.defaults().theta)
     assert values_of(client)[PLANNER]["max_vel_x"] == 0.18
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
     # What is in force, applied again, changes nothing.
