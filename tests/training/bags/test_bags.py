@@ -35,7 +35,6 @@ from applr_ros1.drives.drive import (
     Goal,
     Motion,
 )
-from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from applr_ros1.policy.encoding import PaperEncoding
@@ -838,15 +837,7 @@ class RecordedEnv(ApplrEnv):
     """Environment whose drives have all columns."""
 
     def begin(self, world, seed):
-        return CourseDrive(
-            self.simulated,
-            world,
-            seed,
-            self.rules,
-            period=self.settings.period,
-            theta=self.space.theta0,
-            record=True,
-        )
+        return super().begin(world, seed, record=True)
 
 
 def driven(path, observation, world, time_limit, **settings):
