@@ -21,7 +21,7 @@ from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.planner.parameters import obstacle_range
-from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
@@ -359,9 +359,7 @@ def declaration(robot: Robot, name: str) -> Parameter:
     """Return the planner's declaration of a parameter of a robot's space: unit, bounds, meaning."""
     # The first target declares the parameter; the others follow it.
     target = space_of(robot).targets[name][0]
-    declared = robot.servers[target.server].declared(target.name)
-    assert declared is not None, "space_of refuses targets that no server declares"
-    return declared
+    return by_name(robot.servers[target.server].parameters)[target.name]
 
 
 SPACE = space_of(robots.JACKAL)
