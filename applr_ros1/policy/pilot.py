@@ -2,6 +2,10 @@
 
 The applr node, simulated trials and the learning environment all ask a Pilot. A period without a
 decision, such as one in which the method raised an error, is reported with `miss`.
+
+The Pilot alone clips parameters, and it owns the speed limit of all that are chosen. Others may set
+parameters beside it: the last guard is at the base, where the move_base node slows each command
+beyond the limit (nodes/move_base/node.py).
 """
 
 from __future__ import annotations

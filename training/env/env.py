@@ -85,7 +85,9 @@ class ApplrEnv(gymnasium.Env):
             end_on_stall=end_on_stall and not stall_rule,
             limit=self.settings.time_limit,
         )
-        self.course_drive: Optional[CourseDrive] = None  # drive of the present episode
+        # Drive of the present episode, and the inputs of its next decision
+        self.course_drive: Optional[CourseDrive] = None
+        self._context: Optional[Context] = None
         encoding = self.settings.encoding()
         if stall_rule and not encoding.redraws_stalled:
             problem = f"stall_rule does not act on policies with the observation {encoding.name}"
@@ -121,15 +123,16 @@ class ApplrEnv(gymnasium.Env):
         self.pilot.begin(episode_seed)
         return self._observation(course_drive), self._info(course_drive.outcome)
 
-    def begin(self, world: World, seed: int) -> CourseDrive:
-        """Return a new drive along the course of a world."""
+    def begin(self, world: World, seed: int, *, record: bool = False) -> CourseDrive:
+        """Return a new drive along the course of a world, with all columns if it is recorded."""
         return CourseDrive(
             self.simulated,
             world,
             seed,
             self.rules,
             period=self.pilot.period,
-            theta=self.space.theta0,
+            theta=self.pilot.defaults().theta,
+            record=record,
         )
 
     @override
@@ -140,10 +143,11 @@ class ApplrEnv(gymnasium.Env):
         of the last result is the action that was in force.
         """
         course_drive = self.course_drive
-        if course_drive is None:
+        context = self._context
+        if course_drive is None or context is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         self._method.action = action
-        choice = self.pilot.decide(self._context)
+        choice = self.pilot.decide(context)
         course_drive.decide(choice.theta, choice.clears_costmaps)
         course_drive.advance()
         outcome = course_drive.outcome
@@ -160,8 +164,9 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(course_drive), float(reward), terminated, truncated, info
 
     def _observation(self, course_drive: CourseDrive) -> np.ndarray:
-        self._context = self.pilot.observe(course_drive.theta, course_drive.seen)
-        policy_inputs = self.encoding.observe(self._context)
+        context = self.pilot.observe(course_drive.theta, course_drive.seen)
+        self._context = context
+        policy_inputs = self.encoding.observe(context)
         if not self.layout.hidden:
             return policy_inputs
         hidden_inputs = privileged.privileged(course_drive, self.encoding.scale)

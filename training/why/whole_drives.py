@@ -7,6 +7,7 @@ seeds that did not choose it.
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from typing_extensions import override
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import simulate
-from applr_ros1.drives.drive import REACHED, TIMED_OUT
+from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
 from applr_ros1.drives.judge import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
@@ -167,8 +168,7 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
     )
     # The values in the files stay, even outside the ranges of robot.yaml: nobody decides.
     driven = simulate.drive(SimulatedRobot(simulator, stack), course.world, seed, rules=rules)
-    truth = driven.truth
-    assert truth is not None
+    truth = driven.require(Driven).truth
     goal = driven.goals[-1]
     success = goal.status == REACHED and not len(driven.contacts)
     is_timeout = goal.status == TIMED_OUT
@@ -290,15 +290,16 @@ def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     first, and small ones: the default of a value that hinders says more than what makes up for it.
     """
     known_servers = servers(robot.all_parameters())
-
-    def key(tried: Tried) -> Tuple[bool, bool, float]:
-        is_slower = tried.seconds > NEARLY * finalists[0].seconds
+    ranked: List[Tuple[Tuple[bool, bool, float], Candidate]] = []
+    for tried in finalists:
         candidate = tried.candidate
-        assert candidate is not None
-        return is_slower, _leads_away(candidate, known_servers), candidate.departure
-
-    ordered = sorted(finalists, key=key)
-    return [tried.candidate for tried in ordered if tried.candidate is not None]
+        if candidate is None:
+            continue
+        is_slower = tried.seconds > NEARLY * finalists[0].seconds
+        rank = is_slower, _leads_away(candidate, known_servers), candidate.departure
+        ranked.append((rank, candidate))
+    ranked.sort(key=itemgetter(0))
+    return [candidate for _, candidate in ranked]
 
 
 def _leads_away(candidate: Candidate, known: Mapping[str, Server]) -> bool:
