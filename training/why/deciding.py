@@ -1,4 +1,4 @@
-"""Which decisions of a recorded drive are those of the robot's policy.
+"""Decisions of a recorded drive that are the robot's policy's.
 
 A policy decides anew at every place. What it sets cannot be changed from outside, and no drive with
 constant values shows how the robot would drive with another value of a file.
