@@ -1,4 +1,4 @@
-"""Decisions of a recorded drive that are the robot's policy's.
+"""Decisions of a recorded drive that the robot's policy made.
 
 A policy decides anew at every place. What it sets cannot be changed from outside, and no drive with
 constant values shows how the robot would drive with another value of a file.
