@@ -15,6 +15,7 @@ from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
 from applr_ros1.planner.parameters.obstacle_range import ranges
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.policy import methods
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import SIGHT_S, crossed_limits
 from applr_ros1.robots.geometry import Box, bounding_box
@@ -180,10 +181,11 @@ def _ranges(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield the usual ranges of obstacles and of clearing in place of shorter ones.
 
     They are C++'s. Obstacles are marked for at least SIGHT_S at the base's top speed, because a
-    dead end that is marked late is entered, and rays clear what is marked.
+    dead end that is marked late is entered, and as far as the robot's set or policy asks. Rays
+    clear what is marked.
     """
     sight = min(SIGHT_S * robot.base.max_speed, robot.laser.range_max)
-    usual_range = max(CPP_OBSTACLE_RANGE_M, sight)
+    usual_range = max(CPP_OBSTACLE_RANGE_M, sight, *methods.obstacle_ranges(robot))
     usual_ranges = {
         "obstacle_range": ranges(usual_range),
         "raytrace_range": {"raytrace_range": CPP_RAYTRACE_RANGE_M},

@@ -23,10 +23,13 @@ from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
+from applr_ros1.policy import methods
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from training.why.candidates import Candidate, with_changes
+from training.why.deciding import POLICY
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool
 from worlds import World
@@ -62,6 +65,7 @@ class Course(NamedTuple):
         limit: Time after which a drive has failed [s].
         ends_at_tolerance: Whether a drive ends within the goal tolerance, or only when the planner
             reports the goal.
+        policy_decides: Whether the robot's policy decides, as it did in the recorded drive.
     """
 
     robot: Robot
@@ -69,6 +73,7 @@ class Course(NamedTuple):
     has_monitor: bool
     limit: float
     ends_at_tolerance: bool = True
+    policy_decides: bool = False
 
 
 class Arrival(NamedTuple):
@@ -129,12 +134,14 @@ class Trials(NamedTuple):
         remedy: The candidate that is better with the seeds that judge, or None.
         tried: All candidates with the seeds that chose, the best first.
         judged: Candidates with the seeds that judge, the remedy last.
+        policy_decided: Whether the robot's policy decided in all of them.
     """
 
     recorded: Tried
     remedy: Optional[Tried]
     tried: Sequence[Tried]
     judged: Sequence[Tried] = ()
+    policy_decided: bool = False
 
 
 def limit_of(seconds: float) -> float:
@@ -166,8 +173,13 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
         ends_at_tolerance=course.ends_at_tolerance,
         limit=limit,
     )
-    # The values in the files stay, even outside the ranges of robot.yaml: nobody decides.
-    driven = simulate.drive(SimulatedRobot(simulator, stack), course.world, seed, rules=rules)
+    pilot = None
+    if course.policy_decides:
+        pilot = Pilot(methods.make(POLICY, robot), robot)
+    # Without a pilot the values in the files stay, even outside the ranges of robot.yaml.
+    driven = simulate.drive(
+        SimulatedRobot(simulator, stack), course.world, seed, pilot, rules=rules
+    )
     truth = driven.require(Driven).truth
     goal = driven.goals[-1]
     success = goal.status == REACHED and not len(driven.contacts)
@@ -227,8 +239,8 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
         remedy = Tried(candidate, confirming[candidate])
         judged.append(remedy)
         if _is_better(remedy, recorded) and _is_never_slower(remedy, recorded):
-            return Trials(recorded, remedy, tried, judged)
-    return Trials(recorded, None, tried, judged)
+            return Trials(recorded, remedy, tried, judged, course.policy_decides)
+    return Trials(recorded, None, tried, judged, course.policy_decides)
 
 
 Drives = Dict[Optional[Candidate], List[Arrival]]
