@@ -10,7 +10,7 @@ from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import APART_S, stamped_later
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
-from applr_ros1.drives.frames import Link, Placement, Tree
+from applr_ros1.drives.frames import FramePlacements, Link, Tree
 
 
 class Apart(NamedTuple):
@@ -60,7 +60,7 @@ class Places(NamedTuple):
         base: Where the base is; None if nothing moves it.
     """
 
-    laser: Optional[Placement]
+    laser: Optional[FramePlacements]
     routes: Optional[RouteFrame]
     is_framed: bool
     base: Optional[PlacedBase]

@@ -26,7 +26,7 @@ from applr_ros1.drives.drive import (
     Scans,
     nearest_rows,
 )
-from applr_ros1.drives.frames import Placement
+from applr_ros1.drives.frames import FramePlacements
 from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
 from applr_ros1.monitor.recorded_twists import checked_twists
 from applr_ros1.planner.plan_cut import cut_plan, transformed
@@ -172,7 +172,7 @@ def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
 
 # -- laser -----------------------------------------------------------------------------------------
 def _placed_laser(
-    scans: Scans, frame: str, in_tf: Optional[Placement], robot: Robot, is_given: bool
+    scans: Scans, frame: str, in_tf: Optional[FramePlacements], robot: Robot, is_given: bool
 ) -> PlacedLaser:
     """Return the laser where tf has it, if it does, with the scans of one upside down turned.
 
