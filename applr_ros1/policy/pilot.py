@@ -18,7 +18,7 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 from applr_ros1.policy.decision import Context, Method, Seen
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import StallRule
+from applr_ros1.policy.stall_rule import StallRule
 from applr_ros1.robots import Robot
 
 # Number of successive periods without a decision after which the method counts as lost

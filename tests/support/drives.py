@@ -24,7 +24,7 @@ from applr_ros1.drives.drive import (
     SentGoal,
     Transforms,
 )
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase

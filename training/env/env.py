@@ -3,7 +3,7 @@
 Actors use it, and any RL library can. State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the
 Jackal. Action: the planner's parameters, (8,) for the Jackal. One step is one decision period: in
 the paper 2 s of simulated time, or 40 control cycles of MoveBase, the class that the ROS node runs
-as well. applr_ros1/drives/judge.py defines time limits and ends of episodes.
+as well. applr_ros1/drives/end_rules.py defines time limits and ends of episodes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive, cycles_in
 from applr_ros1.policy.decision import Context, Method
@@ -43,8 +43,8 @@ class ApplrEnv(gymnasium.Env):
         worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
             a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
-        end_on_stall: Whether a stall (policy/stall.py) terminates the episode as a failure. It does
-            not with stall_rule, which ends nearly every stall.
+        end_on_stall: Whether a stall (policy/stall_rule.py) terminates the episode as a failure. It
+            does not with stall_rule, which ends nearly every stall.
         stall_rule: Whether the stall rule replaces actions, as in the applr node. The action that
             was in force is info["action"].
         critics_know_more: Whether the observation ends with inputs for the critics alone

@@ -8,7 +8,7 @@ from typing import Any, Dict, Literal, Optional, Tuple
 
 from pydantic import ConfigDict
 
-from applr_ros1.drives.judge import TIME_LIMIT
+from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.dimensionless import ENCODINGS

@@ -20,7 +20,7 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy

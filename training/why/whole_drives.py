@@ -17,7 +17,7 @@ import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import simulate
 from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.planner.parameters.meter_scoring import counting_cells

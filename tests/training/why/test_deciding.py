@@ -10,7 +10,7 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.drives import simulate
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
