@@ -102,8 +102,9 @@ def received(
         rows = [plan_row]
     else:
         rows = COLUMNS[source.key].unpack(deserialized())
-    for row in rows:
-        row.update(source.part)
+    if source.part:
+        for row in rows:
+            row.update(source.part)
     return Received(recording_time, source.key, rows)
 
 

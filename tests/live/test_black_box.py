@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker
 from tests.support.nodes import POSTS, FakeJackal, goal, start, values_of
 from tests.support.robots import JACKAL_PARAMETERS
 from tests.support.ros import LONGEST, session, wait_for
-from training.bags.read import topics_in
+from training.bags.read import opened
 
 pytestmark = pytest.mark.ros
 LATEST_S = 10.0  # time after a stop was found within which the answer comes [s]
@@ -83,7 +83,8 @@ def test_a_stop_is_answered_and_written(tmp_path):
     box.node.until(lambda: jackal.robot.pose[0] > answer.x + 1.0)
     box.node.until(lambda: box.bags)
     (bag_path,) = box.bags
-    recorded = topics_in(bag_path)
+    with opened(bag_path) as bag:
+        recorded = bag.types
     for topic in ("/front/scan", "/odometry/filtered", "/tf", "/move_base/status", "/cmd_vel"):
         assert topic in recorded
     assert "/black_box/parameters" in recorded

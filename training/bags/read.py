@@ -19,7 +19,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import FileError, check_regular, reading
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.received import Received, drive_from, received, sources_of
+from applr_ros1.drives.received import drive_from, received, sources_of
 from applr_ros1.robots import JACKAL, Robot
 
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
@@ -29,88 +29,90 @@ class BagError(ApplrError):
     """Error of a bag that cannot be used at all. Its message is one line with bag and reason."""
 
 
-def read(
-    path: os.PathLike[str] | str,
-    robot: Robot = JACKAL,
-    topics: TopicNames = TopicNames(),
-    columns: Optional[Collection[str]] = None,
-) -> Drive:
-    """Read the drive in a bag.
+class OpenBag:
+    """Bag that is open for reading.
 
     Args:
-        path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
-        robot: Robot that drove.
-        topics: Names of the recorded topics.
-        columns: Columns to read; None reads all. Times count from the first message on one of
-            their topics.
+        reader: Its open reader.
+        name: Name of the bag, for people.
+
+    Attributes:
+        types: {topic: type} of its messages.
     """
-    drive = drive_from(_messages(Path(path), topics, columns), robot)
-    drive.name = Path(path).name
-    return drive
 
-
-def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
-    """Return {topic: type} of the messages in a bag."""
-    message_types = {}
-    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+    def __init__(self, reader: AnyReader, name: str):
+        self._reader = reader
+        self._name = name
+        self.types: Dict[str, str] = {}
         for connection in reader.connections:
             # ROS 2's recorder also lists topics without messages.
             if connection.msgcount:
-                message_types[connection.topic] = connection.msgtype
-    return message_types
+                self.types[connection.topic] = connection.msgtype
 
+    def drive(
+        self,
+        robot: Robot = JACKAL,
+        topics: TopicNames = TopicNames(),
+        columns: Optional[Collection[str]] = None,
+    ) -> Drive:
+        """Read the drive.
 
-def text_on(path: os.PathLike[str] | str, topic: str) -> Optional[str]:
-    """Return the last text (std_msgs/String) on a topic of a bag, or None."""
-    text = None
-    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        connections = [entry for entry in reader.connections if entry.topic == topic]
-        # Without connections, rosbags would return every message.
-        if not connections:
-            return None
-        for connection, _, raw_message in reader.messages(connections):
-            message: Any = reader.deserialize(raw_message, connection.msgtype)
-            text = str(message.data)
-    return text
-
-
-def _messages(path: Path, topics: TopicNames, columns: Optional[Collection[str]]) -> List[Received]:
-    """Return the messages of some columns in order of recording."""
-    messages = []
-    # A ROS 2 bag without message definitions has those of this release.
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        types = {connection.topic: connection.msgtype for connection in reader.connections}
-        sources = sources_of(types, topics, columns)
-        wanted_connections = []
-        for connection in reader.connections:
-            if connection.topic in sources:
-                wanted_connections.append(connection)
-        # Without connections, rosbags would return every message.
-        recorded: Iterable[Any] = ()
-        if wanted_connections:
-            recorded = reader.messages(wanted_connections)
-        for connection, recording_time, raw_message in recorded:
+        Args:
+            robot: Robot that drove.
+            topics: Names of the recorded topics.
+            columns: Columns to read; None reads all. Times count from the first message on one of
+                their topics.
+        """
+        sources = sources_of(self.types, topics, columns)
+        messages = []
+        for connection, recording_time, raw_message in self._recorded(sources):
             message = received(
                 recording_time,
                 sources[connection.topic],
                 raw_message,
                 connection.digest,
-                partial(reader.deserialize, raw_message, connection.msgtype),
+                partial(self._reader.deserialize, raw_message, connection.msgtype),
             )
             messages.append(message)
-    return messages
+        drive = drive_from(messages, robot)
+        drive.name = self._name
+        return drive
+
+    def text_on(self, topic: str) -> Optional[str]:
+        """Return the last text (std_msgs/String) on a topic, or None."""
+        text = None
+        for connection, _, raw_message in self._recorded([topic]):
+            message: Any = self._reader.deserialize(raw_message, connection.msgtype)
+            text = str(message.data)
+        return text
+
+    def _recorded(self, topics: Collection[str]) -> Iterable[Any]:
+        """Return connection, time [ns] and raw message of all messages on topics, in order."""
+        wanted_connections = []
+        for connection in self._reader.connections:
+            if connection.topic in topics:
+                wanted_connections.append(connection)
+        # Without connections, rosbags would return every message.
+        if not wanted_connections:
+            return ()
+        return self._reader.messages(wanted_connections)
 
 
-# -- files -----------------------------------------------------------------------------------------
 @contextmanager
-def refused(path: os.PathLike[str] | str) -> Iterator[None]:
-    """Convert every error of the block that reads a bag to a BagError that names the bag."""
+def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
+    """Open a bag, and convert every error of the block to a BagError that names it.
+
+    Args:
+        path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
+    """
     try:
         # A bag of ROS 2 is a folder of files.
         for bag_file in (Path(path), *Path(path).glob("*")):
             check_regular(bag_file)
-        with reading(path):
-            yield
+        # A ROS 2 bag without message definitions has those of this release.
+        typestore = get_typestore(Stores.ROS2_HUMBLE)
+        with reading(path), AnyReader([Path(path)], default_typestore=typestore) as reader:
+            yield OpenBag(reader, Path(path).name)
     except FileError as error:
         message = str(error)
         cause = error.__cause__
@@ -119,6 +121,18 @@ def refused(path: os.PathLike[str] | str) -> Iterator[None]:
         raise BagError(message) from error
 
 
+def read(
+    path: os.PathLike[str] | str,
+    robot: Robot = JACKAL,
+    topics: TopicNames = TopicNames(),
+    columns: Optional[Collection[str]] = None,
+) -> Drive:
+    """Read the drive in a bag, as OpenBag.drive does."""
+    with opened(path) as bag:
+        return bag.drive(robot, topics, columns)
+
+
+# -- files -----------------------------------------------------------------------------------------
 def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     """Return the bags among files and folders, those of a folder sorted.
 

@@ -23,7 +23,6 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.policy import methods
-from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.replay import Replay, Watch, replay_of
@@ -41,7 +40,7 @@ with extra(__name__):
         recording_of,
         with_description,
     )
-    from training.why.remedies import driven_trials
+    from training.why.remedies import driven_trials, possible_guesses
     from training.why.seen_world import seen_grid, write_map
     from training.why.values import outside_values, values_of
     from training.workers.pool import Pool
@@ -101,11 +100,11 @@ def run(options: WhyOptions) -> None:
         write_map(seen_grid(first_replay.recording), options.map)
     if options.quick:
         diagnosis = diagnose(first_replay, options.at)
-        answer = Answer(diagnosis, guesses_of(diagnosis))
+        answer = Answer(diagnosis, possible_guesses(diagnosis))
     else:
         with Pool(options.workers) as pool:
             diagnosis = diagnose(first_replay, options.at)
-            guesses = guesses_of(diagnosis)
+            guesses = possible_guesses(diagnosis)
             answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
 
     lines = lines_of(answer)
@@ -170,8 +169,7 @@ def with_range_of_method(replay: Replay) -> Replay:
     note if that is the range.
     """
     best_replay = replay
-    needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
-    for needed_range in needed_ranges - {None}:
+    for needed_range in methods.obstacle_ranges(replay.robot):
         if best_replay.share_of_cycles >= ENOUGH:
             break
         note = (

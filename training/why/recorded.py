@@ -14,7 +14,7 @@ from applr_ros1.why.recorded import CHANNELS, recording_from
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 from training.bags.options import BagOptions
-from training.bags.read import BagError, read, refused, text_on, topics_in
+from training.bags.read import BagError, opened
 from training.common.options import option
 
 
@@ -47,8 +47,8 @@ def with_description(path: Path, options: SomeOptions) -> SomeOptions:
 
     What a person gave stays. Of a robot whose body nobody knows, nothing is driven in simulation.
     """
-    with refused(path):
-        text = text_on(path, TOPIC)
+    with opened(path) as bag:
+        text = bag.text_on(TOPIC)
         if text is None:
             return options
         described = described_by(text, path.name)
@@ -82,12 +82,11 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
     robot = options.robot
     # Who gave the robot is not asked to give it.
     is_given = "robot" in options.model_fields_set
-    with refused(path):
-        types = topics_in(path)
+    with opened(path) as bag:
         # Topics that are options are not looked for.
-        names = names_in(types, options.topics(), options.given_topics())
-        drive = read(path, robot, names, CHANNELS)
-    if is_other_planner(drive, robot):
-        raise OtherPlannerError(path, drive, planner_of(drive, robot))
-    with refused(path):
-        return recording_from(drive, names, types, planner, robot, is_given)
+        names = names_in(bag.types, options.topics(), options.given_topics())
+        drive = bag.drive(robot, names, CHANNELS)
+        if not is_other_planner(drive, robot):
+            return recording_from(drive, names, bag.types, planner, robot, is_given)
+    # Outside the block, whose errors would become others without the drive
+    raise OtherPlannerError(path, drive, planner_of(drive, robot))
