@@ -31,8 +31,8 @@ ROS_MODULES = {
 }
 # Libraries whose import takes so long that a command without need for them must not wait for it
 HEAVY = (
-    "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet "
-    "trimesh viser"
+    "numba scipy.linalg scipy.spatial scipy.stats scipy.signal torch tensorboard pandas matplotlib "
+    "PIL cma ruptures ray pybullet trimesh viser"
 )
 # Program that starts every command with --help, and prints who imports a heavy library first
 STARTS = """

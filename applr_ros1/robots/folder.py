@@ -51,7 +51,7 @@ def load(name_or_folder: str, with_map: bool = False) -> Robot:
     # An included robot without files for a map may drive with a move_base that has others.
     if with_map and not (is_included and robot.move_base.with_map is None):
         robot = robot.on_map()
-    # Tests check the included robots. The check imports the planner, which takes half a second.
+    # Tests check the included robots.
     if is_included:
         return robot
     errors = check.check(robot)

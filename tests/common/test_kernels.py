@@ -1,18 +1,21 @@
 """Tests of the disk cache of machine code: its keys, privacy, and use by several processes at once.
 
-The tests start new processes that use a copy of kernels.py in a temporary package with two kernels.
+The tests start new processes that use a copy of kernels.py and kernel_cache.py in a temporary
+package with two kernels.
 """
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 
 import pytest
 
-from applr_ros1.common import kernels
+from applr_ros1.common import kernel_cache, kernels
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools import compile_kernels
+from applr_ros1.planner.navfn.window import set_fence
 from tests.support import HANGS, ROOT
 
 # Modules of the temporary package: a kernel that calls a kernel of another file, and one call of it
@@ -36,14 +39,16 @@ def offset(x):
     return x + OFFSET
 """
 CALLS = """
+import sys
 from applr_ros1.planner.outer import outer
-print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
+assert "numba" not in sys.modules, "the import of a kernel waits for numba"
+print(outer(5), outer(5.5), sum(outer.dispatcher.stats.cache_misses.values()))
 """
 # Program that compiles what the set-up compiles, drives, and prints which kernels got new
 # signatures
 DRIVE = """
 import sys
-from numba.core.dispatcher import Dispatcher
+from applr_ros1.common.kernels import Kernel
 from applr_ros1.nodes.tools.compile_kernels import DRIVES, PARTS
 from training.env.settings import TrialSettings
 from training.evaluate.runner import TrialRunner
@@ -57,17 +62,18 @@ def kernels():
     found = {}
     for module in modules:
         for value in vars(module).values():
-            if isinstance(value, Dispatcher):
-                found[str(value)] = value
+            if isinstance(value, Kernel):
+                found[f"{value.__module__}.{value.__name__}"] = value.dispatcher
     return found
 
 OURS = "applr_ros1", "sim_bridge", "worlds"
-before = {name: len(kernel.signatures) for name, kernel in kernels().items()}
+before = {name: len(dispatcher.signatures) for name, dispatcher in kernels().items()}
 rules = {"robot": sys.argv[1], "monitor": True, "movers": True, "time_limit": 15.0}
 (trial,) = plan_trials([("dynamic:0", "dynamic:0")], [("random", "random")], 1, seed=0)
 result = TrialRunner(TrialSettings(simulator="pybullet", **rules)).run(trial)
 assert result.path_length_m > 1.0, result
-print([name for name, kernel in kernels().items() if len(kernel.signatures) != before.get(name)])
+after = {name: len(dispatcher.signatures) for name, dispatcher in kernels().items()}
+print([name for name, count in after.items() if count != before.get(name)])
 """
 
 
@@ -94,6 +100,7 @@ def start(tmp_path):
             planner.mkdir(parents=True)
             common.mkdir()
             shutil.copy(kernels.__file__, common)
+            shutil.copy(kernel_cache.__file__, common)
             (planner / "outer.py").write_text(OUTER)
             (planner / "inner.py").write_text(INNER)
         environment = dict(
@@ -143,6 +150,10 @@ def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(s
     assert result(start("code")) == [6, 6.5, 0]
     # Two kernels for two types
     assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4
+
+
+def test_a_kernel_is_pickled_by_name():
+    assert pickle.loads(pickle.dumps(set_fence)) is set_fence
 
 
 def test_a_part_that_fails_is_one_line(monkeypatch, capsys):
