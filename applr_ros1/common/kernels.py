@@ -55,14 +55,14 @@ class Kernel:
 
     Attributes:
         py_func: The function as Python runs it.
+        targetoptions: Options of numba.njit. While numba compiles a kernel that calls this one, it
+            asks for them under this name, to find out whether to inline the function.
     """
-
-    py_func: Callable[..., Any]
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]):
         functools.update_wrapper(self, function)
         self.py_func = function
-        self._options = options
+        self.targetoptions = options
         # Files may be edited between the import and the first call.
         self._sources = _hash_of_sources(function.__module__)
 
@@ -82,7 +82,7 @@ class Kernel:
 
         from applr_ros1.common.kernel_cache import KernelCache
 
-        dispatcher = numba.njit(**self._options)(self.py_func)
+        dispatcher = numba.njit(**self.targetoptions)(self.py_func)
         dispatcher._cache = KernelCache(self.py_func, self._sources)
         return dispatcher
 

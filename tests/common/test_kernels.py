@@ -18,8 +18,8 @@ from applr_ros1.nodes.tools import compile_kernels
 from applr_ros1.planner.navfn.window import set_fence
 from tests.support import HANGS, ROOT
 
-# Modules of the temporary package: a kernel that calls a kernel of another file, and one call of it
-# each with an integer and a float
+# Modules of the temporary package: a kernel that calls two kernels of another file, one of them
+# inlined, and one call of it each with an integer and a float
 OUTER = """
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import (  # The names of a long import stand on lines of their own.
@@ -28,7 +28,7 @@ from applr_ros1.planner import (  # The names of a long import stand on lines of
 
 @kernel
 def outer(x):
-    return inner.offset(x)
+    return inner.offset(inner.same(x))
 """
 INNER = """
 from applr_ros1.common.kernels import kernel
@@ -37,6 +37,10 @@ OFFSET = 1
 @kernel(error_model="numpy")
 def offset(x):
     return x + OFFSET
+
+@kernel(inline="always")
+def same(x):
+    return x
 """
 CALLS = """
 import sys
@@ -148,7 +152,7 @@ def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(s
     (tmp_path / "cache" / "applr_ros1").chmod(0o777)
     assert result(start("code")) == [6, 6.5, 2]
     assert result(start("code")) == [6, 6.5, 0]
-    # Two kernels for two types
+    # Two kernels for two types. The inlined one has no machine code of its own.
     assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4
 
 
