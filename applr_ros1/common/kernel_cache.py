@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import logging
 import os
 import pickle
 import stat
@@ -24,6 +25,7 @@ from numba.core import serialize
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 
+_LOGGER = logging.getLogger(__name__)
 # limit on cached files (12 versions of all kernels); the least recently used are removed
 KEPT_FILES = 6000
 # numba has no types for these two functions.
@@ -74,6 +76,7 @@ class KernelCache(NullCache):
             partial_file.write_bytes(dumps(data._reduce()))
             os.replace(partial_file, cache_file)
             _remove_unused()
+        _LOGGER.info("compiled %s", cache_file.name)
 
     def _path(self, signature: Any, codegen: Any) -> Path:
         """Return the file of the machine code for a signature on this processor."""

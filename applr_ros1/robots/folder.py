@@ -5,6 +5,7 @@ Folders of the included robots lie beside this file.
 
 from __future__ import annotations
 
+import logging
 import os
 from functools import lru_cache
 from typing import Iterable, Tuple
@@ -17,6 +18,7 @@ from applr_ros1.robots.learned import default_space
 from applr_ros1.robots.parameter_files import read_yaml
 from applr_ros1.robots.robot import FILE, Robot, RobotFile
 
+_LOGGER = logging.getLogger(__name__)
 _HERE = os.path.dirname(os.path.abspath(__file__))
 NAMES = tuple(
     sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.path.join(_HERE, name, FILE)))
@@ -95,6 +97,7 @@ def _read(folder: str) -> Robot:
         space = default_space(fields["base"], fields["body"], move_base.without_map)
     else:
         space = tuple(space.values())
+    _LOGGER.info("robot %s: %d parameters to set", folder, len(space))
     return Robot(
         **fields, name=os.path.basename(folder), folder=folder, space=space, move_base=move_base
     )

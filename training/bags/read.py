@@ -6,6 +6,7 @@ numbers from message definitions.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections import defaultdict
 from contextlib import contextmanager
@@ -38,6 +39,7 @@ from applr_ros1.robots import JACKAL, Robot
 from training.bags import paths
 from training.bags.robot_time import RecordedStamp, RobotTime
 
+_LOGGER = logging.getLogger(__name__)
 SENSORS = ("odometry", "scans")  # columns whose stamps may set the robot's time
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
 
@@ -90,6 +92,8 @@ def read(
 
     drive = drive_of(unpacked, begin_time, robot)
     drive.name = Path(path).name
+    row_counts = [f"{len(rows)} {column}" for column, rows in unpacked.items()]
+    _LOGGER.info("bag %s: %d messages, %s", path, len(messages), ", ".join(row_counts))
     if robot_time.note:
         drive.notes.append(robot_time.note)
     if drive.scans is not None:
