@@ -12,9 +12,10 @@ have ended.
 
 Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m`
 names them. Without `--all`, random comparisons run a part of their cases (tests/support/seeds.py).
-A file that imports a package that is not installed (ROS, or torch under Python 3.8) is skipped. A
-run in which no test passed is a failure. The report lists the tests that took the most processor
-time, including the processes that they start. `--faults-table=docs/results/faults.csv` writes the
+With `--quick`, tests that need ROS or start a process are skipped (tests/support/quick.py). A file
+that imports a package that is not installed (ROS, or torch under Python 3.8) is skipped. A run in
+which no test passed is a failure. The report lists the tests that took the most processor time,
+including the processes that they start. `--faults-table=docs/results/faults.csv` writes the
 measurements of the fault tests into that table.
 """
 
@@ -30,7 +31,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import seeds
+from tests.support import quick, seeds
 
 # A cancelled job or closed terminal must act like Ctrl-C, so that processes started by tests end as
 # well.
@@ -66,6 +67,11 @@ def pytest_addoption(parser):
         help="Also run tests marked slow, and all cases of comparisons.",
     )
     parser.addoption(
+        "--quick",
+        action="store_true",
+        help="Only tests that need neither ROS nor another process.",
+    )
+    parser.addoption(
         "--faults-table",
         metavar="CSV",
         help="Table (docs/results/faults.csv) for measurements of faults.",
@@ -74,6 +80,17 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     seeds.share = 1.0 if config.option.all else seeds.FIRST_SHARE
+    if config.option.quick:
+        quick.hide_ros()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_processes(pytestconfig):
+    """With --quick, skip each test that starts a process."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        if pytestconfig.option.quick:
+            quick.forbid_processes(monkeypatch)
+        yield
 
 
 @pytest.hookimpl(wrapper=True)
@@ -105,8 +122,11 @@ def pytest_itemcollected(item):
 
 def pytest_collection_modifyitems(config, items):
     named_marks = config.option.markexpr + " slow" * config.option.all
+    left_out_marks = ["slow", "long"]
+    if config.option.quick:
+        left_out_marks.append("ros")
     chosen_items = items
-    for mark in ("slow", "long"):
+    for mark in left_out_marks:
         if mark not in named_marks:
             chosen_items = [item for item in chosen_items if not item.get_closest_marker(mark)]
     # pytest takes its own list, changed in place.

@@ -58,6 +58,17 @@ for name, module in {**COMMANDS, **NODES}.items():
     assert not ours or "usage" in output.getvalue(), output.getvalue()
     report(name)
 """
+# Tests of which --quick runs the first
+WITH_AND_WITHOUT_PROCESS = """
+import subprocess
+import sys
+
+def test_computes():
+    assert "rospy" not in sys.modules or sys.modules["rospy"] is None
+
+def test_starts_a_process():
+    subprocess.run([sys.executable, "--version"], check=True)
+"""
 NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
 
 
@@ -92,6 +103,21 @@ def test_help_invalid_options_and_workers_import_no_heavy_library():
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=HANGS
     )
     assert (finished.returncode, finished.stdout) == (0, ""), finished.stdout + finished.stderr
+
+
+def test_quick_skips_what_needs_ros_or_starts_a_process(tmp_path):
+    (tmp_path / "test_processes.py").write_text(WITH_AND_WITHOUT_PROCESS)
+    (tmp_path / "test_ros.py").write_text("import rospy\n\ndef test_imports(): pass\n")
+    options = ("--quick", "-p", "tests.conftest", "-p", "no:cacheprovider", "--rootdir", tmp_path)
+    finished = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, tmp_path],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=HANGS,
+    )
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    assert "1 passed, 2 skipped" in finished.stdout
 
 
 def test_package_xml_declares_the_ros_packages_that_are_imported():
