@@ -48,6 +48,7 @@ os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
 pytest.register_assert_rewrite("tests.support.nodes")
 if importlib.util.find_spec("torch") is None:  # Without torch, training and its tests are skipped.
     sys.modules["training"] = None
+MADE_BY_CATKIN = {"applr_ros1.msg", "applr_ros1.srv", "applr_ros1.cfg"}
 OWN_PACKAGES = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}
 
 
@@ -98,13 +99,14 @@ def pytest_make_collect_report(collector):
     """Skip a file that imports a package that is not installed."""
     report = yield
     import_error = re.search(
-        r"ModuleNotFoundError: (?:No module named '|import of )(\w+)", str(report.longrepr)
+        r"ModuleNotFoundError: (?:No module named '|import of )([\w.]+)", str(report.longrepr)
     )
     if report.failed and import_error:
-        package = import_error.group(1)
+        module = import_error.group(1)
+        package, _, _ = module.partition(".")
         # `training` is None without torch, see above.
         is_switched_off = sys.modules.get(package, 0) is None
-        if package not in OWN_PACKAGES or is_switched_off:
+        if package not in OWN_PACKAGES or module in MADE_BY_CATKIN or is_switched_off:
             report.outcome = "skipped"
             report.longrepr = (str(collector.path), 1, "Skipped: no %s here" % package)
     return report
