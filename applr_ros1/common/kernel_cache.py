@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Callable
 
 import numba
-from numba.core import serialize
+from numba.core import serialize, types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 
@@ -81,12 +81,29 @@ class KernelCache(NullCache):
     def _path(self, signature: Any, codegen: Any) -> Path:
         """Return the file of the machine code for a signature on this processor."""
         function = self._function
-        type_names = [str(argument_type) for argument_type in getattr(signature, "args", signature)]
+        argument_types = getattr(signature, "args", signature)
+        type_names = [_full_name(argument_type) for argument_type in argument_types]
         target = sys.version_info[:2], numba.__version__, codegen.magic_tuple()
         cache_key = repr((target, type_names, self._sources)).encode()
         checksum = hashlib.sha256(cache_key).hexdigest()[:32]
         file_name = f"{function.__module__}.{function.__qualname__}-{checksum}"
         return Path(cache_folder(), file_name)
+
+
+def _full_name(argument_type: Any) -> str:
+    """Return the name of a type, with the class and the fields of each NamedTuple in it.
+
+    numba's name has only the last word of the class and the types of the fields. A kernel that
+    takes the NamedTuples of several modules imports none of them, so its sources do not tell their
+    fields either.
+    """
+    if not isinstance(argument_type, types.BaseTuple):
+        return str(argument_type)
+    class_name = "tuple"
+    if isinstance(argument_type, types.BaseNamedTuple):
+        class_name = f"{argument_type.instance_class} {argument_type.fields}"
+    item_names = [_full_name(item_type) for item_type in argument_type]
+    return f"{class_name} {item_names}"
 
 
 @functools.lru_cache(maxsize=None)

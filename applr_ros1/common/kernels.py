@@ -6,9 +6,9 @@ kernel runs: it costs more than everything else that `--help` of a command impor
 numba's own cache is keyed by the path of the kernel's source file and checks that file alone. A
 second copy of the package therefore starts without a cache, and changes in imported functions and
 constants go unnoticed. Here (kernel_cache.py) the key of a cached file is a hash of the argument
-types, numba's version, the processor, and the sources of the kernel's module and of all modules of
-this repository from which that module imports kernels or constants. Editing a module recompiles its
-kernels and those of the modules that import from it.
+types, numba's version, the processor, and the sources of this module, the kernel's module and all
+modules of this repository from which that module imports kernels or constants. Editing a module
+recompiles its kernels and those of the modules that import from it.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import hashlib
 import importlib.util
 import re
 import sys
+import threading
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Tuple, TypeVar, overload
 
@@ -28,6 +29,9 @@ Result = TypeVar("Result")
 # lines
 IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 COMMENT = re.compile(r" *#.*")
+# Nodes call kernels from several threads, and cached_property has no lock from Python 3.12 on. A
+# second dispatcher would compile everything again.
+_MAKES_DISPATCHER = threading.Lock()
 
 
 @overload
@@ -82,9 +86,12 @@ class Kernel:
 
         from applr_ros1.common.kernel_cache import KernelCache
 
-        dispatcher = numba.njit(**self.targetoptions)(self.py_func)
-        dispatcher._cache = KernelCache(self.py_func, self._sources)
-        return dispatcher
+        with _MAKES_DISPATCHER:
+            if "dispatcher" not in vars(self):
+                dispatcher = numba.njit(**self.targetoptions)(self.py_func)
+                dispatcher._cache = KernelCache(self.py_func, self._sources)
+                vars(self)["dispatcher"] = dispatcher
+        return vars(self)["dispatcher"]
 
     @property
     def _numba_type_(self) -> Any:
@@ -101,7 +108,8 @@ class Kernel:
 def _hash_of_sources(module: str) -> str:
     """Return a hash of the sources of a module and of all modules on which it depends."""
     source_hashes: Dict[str, str] = {}
-    waiting_modules = [module]
+    # This module decides with which options a kernel is compiled, and which ones are inlined.
+    waiting_modules = [module, __name__]
     while waiting_modules:
         module_name = waiting_modules.pop()
         if module_name not in source_hashes:

@@ -9,7 +9,10 @@ import pickle
 import shutil
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
+import numba
 import pytest
 
 from applr_ros1.common import kernel_cache, kernels
@@ -18,17 +21,22 @@ from applr_ros1.nodes.tools import compile_kernels
 from applr_ros1.planner.navfn.window import set_fence
 from tests.support import HANGS, ROOT
 
-# Modules of the temporary package: a kernel that calls two kernels of another file, one of them
-# inlined, and one call of it each with an integer and a float
+# Modules of the temporary package: a kernel that calls three kernels of another file, one of them
+# inlined and one with a record of its own file, and one call of it each with an integer and a float
 OUTER = """
+from typing import NamedTuple
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import (  # The names of a long import stand on lines of their own.
     inner,
 )
 
+class Limits(NamedTuple):
+    lowest: int
+    highest: int
+
 @kernel
 def outer(x):
-    return inner.offset(inner.same(x))
+    return inner.offset(inner.same(x)) + inner.lowest_of(Limits(0, 9))
 """
 INNER = """
 from applr_ros1.common.kernels import kernel
@@ -41,6 +49,10 @@ def offset(x):
 @kernel(inline="always")
 def same(x):
     return x
+
+@kernel
+def lowest_of(limits):
+    return limits.lowest
 """
 CALLS = """
 import sys
@@ -142,6 +154,39 @@ def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_p
     assert result(start("old")) == [6, 6.5, 0]
 
 
+def test_a_change_of_the_options_of_all_kernels_is_noticed(start, tmp_path):
+    assert result(start("code")) == [6, 6.5, 2]
+    kernels_file = tmp_path / "code" / "applr_ros1" / "common" / "kernels.py"
+    kernels_file.write_text(kernels_file.read_text() + "# Kernels get other options.\n")
+    assert result(start("code")) == [6, 6.5, 2]
+
+
+def test_a_change_of_the_order_of_fields_is_noticed_by_a_kernel_that_takes_any_record(
+    start, tmp_path
+):
+    assert result(start("code")) == [6, 6.5, 2]
+    outer_file = tmp_path / "code" / "applr_ros1" / "planner" / "outer.py"
+    other_order = OUTER.replace("lowest: int\n    highest: int", "highest: int\n    lowest: int")
+    outer_file.write_text(other_order.replace("Limits(0, 9)", "Limits(9, 0)"))
+    assert result(start("code")) == [6, 6.5, 2]
+
+
+def test_threads_that_call_a_kernel_first_together_make_one_dispatcher(monkeypatch):
+    njit = numba.njit
+
+    def slow_njit(**options):
+        time.sleep(0.1)
+        return njit(**options)
+
+    monkeypatch.setattr(numba, "njit", slow_njit)
+    new_kernel = kernels.Kernel(set_fence.py_func, {})
+    # Until Python 3.11 cached_property itself has a lock, so its function is called.
+    make_dispatcher = kernels.Kernel.dispatcher.func
+    with ThreadPoolExecutor() as pool:
+        first_dispatcher, second_dispatcher = pool.map(make_dispatcher, [new_kernel] * 2)
+    assert first_dispatcher is second_dispatcher
+
+
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):
     processes = [start("code") for _ in range(4)]
     for process in processes:
@@ -152,8 +197,8 @@ def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(s
     (tmp_path / "cache" / "applr_ros1").chmod(0o777)
     assert result(start("code")) == [6, 6.5, 2]
     assert result(start("code")) == [6, 6.5, 0]
-    # Two kernels for two types. The inlined one has no machine code of its own.
-    assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4
+    # Two kernels for two types, and one. The inlined one has no machine code of its own.
+    assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 5
 
 
 def test_a_kernel_is_pickled_by_name():
