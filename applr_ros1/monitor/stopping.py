@@ -37,8 +37,8 @@ HALVINGS = 5  # number of bisections in the search for the largest safe scale
 BEYOND_M = 1.5 * CELL_M
 
 
-class Body(NamedTuple):
-    """Body of the robot.
+class BodyOutline(NamedTuple):
+    """Outline of the robot's body, for contacts and for unobserved space.
 
     planes: (k, 3) half_planes() of its outline. edge: (n, 2) edge_points() of its outline [m].
     margin: distance by which the outline is widened where it must not touch obstacle points [m].
@@ -63,8 +63,8 @@ class Braking(NamedTuple):
     turn_ahead: float = 0.0
 
 
-class Motion(NamedTuple):
-    """State of the base when a command arrives.
+class BaseMotion(NamedTuple):
+    """Motion of the base when a command arrives.
 
     v, w: velocity [m/s, rad/s]. slip: lateral slip to the left [m/s]. commanded_w: turn rate of the
     previous command [rad/s].
@@ -87,8 +87,8 @@ class Delay(NamedTuple):
     reaction: float
 
 
-class Seen(NamedTuple):
-    """Observed space around the robot.
+class SeenCells(NamedTuple):
+    """Observed cells around the robot, with its pose among them.
 
     cells: as in SeenSpace; without cells, all space counts as observed. corner_i, corner_j: corner
     of SeenSpace. x, y, yaw: pose of the robot in the frame of the cells [m, m, rad].
@@ -102,7 +102,8 @@ class Seen(NamedTuple):
     yaw: float
 
 
-EVERYTHING = Seen(np.empty((0, 0), np.uint8), 0, 0, 0.0, 0.0, 0.0)  # value if all space is known
+# Value if all space is known
+EVERYTHING = SeenCells(np.empty((0, 0), np.uint8), 0, 0, 0.0, 0.0, 0.0)
 
 
 class SafeScale(NamedTuple):
@@ -115,7 +116,7 @@ class SafeScale(NamedTuple):
     can_stop: bool
 
 
-class Placement(NamedTuple):
+class BodyPose(NamedTuple):
     """Pose of the body: x, y [m], cosine and sine of its yaw."""
 
     x: float
@@ -145,12 +146,12 @@ class Check(NamedTuple):
     """All that decides whether a command is safe, except its scale and the turn rate."""
 
     obstacles: Obstacles
-    body: Body
-    motion: Motion
+    body: BodyOutline
+    motion: BaseMotion
     command: Twist
     delay: Delay
     braking: Braking
-    seen: Seen
+    seen: SeenCells
 
 
 def half_planes(outline: Any) -> np.ndarray:
@@ -187,12 +188,12 @@ def penetration(planes: Array, margin: float, x: float, y: float) -> float:
 @kernel
 def safe_scale(
     points: Array,
-    body: Body,
+    body: BodyOutline,
     motions: Array,
     command: Twist,
     delay: Delay,
     braking: Braking,
-    seen: Seen,
+    seen: SeenCells,
 ) -> SafeScale:
     """Return the largest scale of a command after which the base can still stop without contact.
 
@@ -208,7 +209,7 @@ def safe_scale(
     obstacles = _obstacles(points, body)
     smallest = SafeScale(scale=1.0, can_stop=True)
     for number in range(motions.shape[0]):
-        motion = Motion(
+        motion = BaseMotion(
             motions[number, 0], motions[number, 1], motions[number, 2], motions[number, 3]
         )
         check = Check(obstacles, body, motion, command, delay, braking, seen)
@@ -239,7 +240,7 @@ def _safe_scale(check: Check) -> SafeScale:
 
 
 @kernel
-def _obstacles(points: Array, body: Body) -> Obstacles:
+def _obstacles(points: Array, body: BodyOutline) -> Obstacles:
     """Return the Obstacles of points (n, 2) [m].
 
     A point that is inside the body may not get deeper.
@@ -366,7 +367,7 @@ def _is_free(check: Check, scale: float, turn_share: float) -> bool:
         x += (v * cos_half - leftward * sin_half) * step
         y += (v * sin_half + leftward * cos_half) * step
         yaw += w * step
-        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
         limits = check.obstacles.margin_limit
         if _is_deeper(check.obstacles, limits, body.planes, body.margin, place):
             return False
@@ -392,7 +393,7 @@ def _followed_speed(v: float, target_v: float, largest_change: float) -> float:
 
 @kernel
 def _is_deeper(
-    obstacles: Obstacles, limits: Array, planes: Array, margin: float, place: Placement
+    obstacles: Obstacles, limits: Array, planes: Array, margin: float, place: BodyPose
 ) -> bool:
     """Return whether any point's penetration() is above its limit (n,) with the body at `place`.
 
@@ -442,14 +443,14 @@ def _may_swing(
         sin_yaw = math.sin(swung_yaw)
         swung_x = centre_x - turn_ahead * cos_yaw
         swung_y = centre_y - turn_ahead * sin_yaw
-        place = Placement(swung_x, swung_y, cos_yaw, sin_yaw)
+        place = BodyPose(swung_x, swung_y, cos_yaw, sin_yaw)
         if _is_deeper(obstacles, obstacles.outline_limit, planes, 0.0, place):
             return False
     return True
 
 
 @kernel
-def _is_seen(seen: Seen, edge: Array, place: Placement) -> bool:
+def _is_seen(seen: SeenCells, edge: Array, place: BodyPose) -> bool:
     """Return whether the body's whole edge lies in observed cells with the body at `place`."""
     side_cells = seen.cells.shape[0]
     if side_cells == 0:
@@ -479,7 +480,7 @@ def _is_seen(seen: Seen, edge: Array, place: Placement) -> bool:
 
 
 @kernel
-def _is_seen_beyond(seen: Seen, edge: Array, pose: Pose, v: float, w: float) -> bool:
+def _is_seen_beyond(seen: SeenCells, edge: Array, pose: Pose, v: float, w: float) -> bool:
     """Return whether the space BEYOND_M past the stopping pose is observed.
 
     True if the command is a stop. The robot is assumed to go on as commanded, v [m/s] and w
@@ -495,4 +496,4 @@ def _is_seen_beyond(seen: Seen, edge: Array, pose: Pose, v: float, w: float) -> 
     x += v * time * math.cos(yaw + 0.5 * w * time)
     y += v * time * math.sin(yaw + 0.5 * w * time)
     yaw += w * time
-    return _is_seen(seen, edge, Placement(x, y, math.cos(yaw), math.sin(yaw)))
+    return _is_seen(seen, edge, BodyPose(x, y, math.cos(yaw), math.sin(yaw)))

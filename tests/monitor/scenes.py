@@ -10,7 +10,7 @@ from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import (
     EVERYTHING,
-    Body,
+    BodyOutline,
     Braking,
     Delay,
     edge_points,
@@ -34,7 +34,7 @@ LASER = 0.12  # distance of the laser ahead of the robot's centre [m]
 TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}
 
 # Body of the Jackal with its margin, and distances of its front and its side from the centre [m].
-BODY = Body(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
+BODY = BodyOutline(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
 FRONT = 0.229
 SIDE = 0.208
 
@@ -111,7 +111,7 @@ def safe_scale_of(
     body=BODY,
     seen=EVERYTHING,
 ):
-    """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one Motion."""
+    """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one BaseMotion."""
     safe = safe_scale(
         np.array(points),
         body,
