@@ -31,6 +31,9 @@ KEPT_FILES = 6000
 # numba has no types for these two functions.
 dumps: Callable[[Any], bytes] = serialize.dumps
 rebuild: Callable[..., CompileResult] = CompileResult._rebuild
+# Nor does it declare the items and fields of its tuples.
+TUPLE: Any = types.BaseTuple
+NAMED_TUPLE: Any = types.BaseNamedTuple
 
 
 class KernelCache(NullCache):
@@ -97,10 +100,10 @@ def _full_name(argument_type: Any) -> str:
     takes the NamedTuples of several modules imports none of them, so its sources do not tell their
     fields either.
     """
-    if not isinstance(argument_type, types.BaseTuple):
+    if not isinstance(argument_type, TUPLE):
         return str(argument_type)
     class_name = "tuple"
-    if isinstance(argument_type, types.BaseNamedTuple):
+    if isinstance(argument_type, NAMED_TUPLE):
         class_name = f"{argument_type.instance_class} {argument_type.fields}"
     item_names = [_full_name(item_type) for item_type in argument_type]
     return f"{class_name} {item_names}"
