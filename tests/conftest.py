@@ -82,7 +82,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     seeds.share = 1.0 if config.option.all else seeds.FIRST_SHARE
     if config.option.quick:
-        quick.hide_ros()
+        quick.hide_packages()
 
 
 @pytest.fixture(scope="session", autouse=True)

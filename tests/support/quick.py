@@ -1,7 +1,7 @@
 """Tests of `--quick`: those that need neither ROS nor another process.
 
-No list names the others: a file that imports ROS is skipped as if ROS were not installed, and a
-test is skipped once it starts a process.
+No list names the others: a file that imports ROS or a browser is skipped as if they were not
+installed, and a test is skipped once it starts a process.
 """
 
 import multiprocessing.process
@@ -12,12 +12,14 @@ import sys
 import pytest
 
 ROS = ("genpy", "rosbag", "rosgraph", "roslib", "rospy")  # every other package of ROS needs these
+# A skip while it starts the browser would leave its event loop to the tests that follow.
+BROWSER = "playwright"
 STARTS_A_PROCESS = "starts a process"
 
 
-def hide_ros():
-    """Let each import of ROS fail in this process."""
-    sys.modules.update(dict.fromkeys(ROS))
+def hide_packages():
+    """Let each import of ROS and of the browser fail in this process."""
+    sys.modules.update(dict.fromkeys((*ROS, BROWSER)))
 
 
 def forbid_processes(monkeypatch):
