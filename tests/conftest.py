@@ -12,9 +12,10 @@ have ended.
 
 Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m`
 names them. Without `--all`, random comparisons run a part of their cases (tests/support/seeds.py).
-A file that imports a package that is not installed (ROS, or torch under Python 3.8) is skipped. A
-run in which no test passed is a failure. The report lists the tests that took the most processor
-time, including the processes that they start. `--faults-table=docs/results/faults.csv` writes the
+With `--quick`, tests that need ROS or start a process are skipped (tests/support/quick.py). A file
+that imports a package that is not installed (ROS, or torch under Python 3.8) is skipped. A run in
+which no test passed is a failure. The report lists the tests that took the most processor time,
+including the processes that they start. `--faults-table=docs/results/faults.csv` writes the
 measurements of the fault tests into that table.
 """
 
@@ -30,7 +31,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import seeds
+from tests.support import quick, seeds
 
 # A cancelled job or closed terminal must act like Ctrl-C, so that processes started by tests end as
 # well.
@@ -47,6 +48,7 @@ os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
 pytest.register_assert_rewrite("tests.support.nodes")
 if importlib.util.find_spec("torch") is None:  # Without torch, training and its tests are skipped.
     sys.modules["training"] = None
+MADE_BY_CATKIN = {"applr_ros1.msg", "applr_ros1.srv", "applr_ros1.cfg"}
 OWN_PACKAGES = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}
 
 
@@ -66,6 +68,11 @@ def pytest_addoption(parser):
         help="Also run tests marked slow, and all cases of comparisons.",
     )
     parser.addoption(
+        "--quick",
+        action="store_true",
+        help="Only tests that need neither ROS nor another process.",
+    )
+    parser.addoption(
         "--faults-table",
         metavar="CSV",
         help="Table (docs/results/faults.csv) for measurements of faults.",
@@ -74,6 +81,17 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     seeds.share = 1.0 if config.option.all else seeds.FIRST_SHARE
+    if config.option.quick:
+        quick.hide_packages()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_processes(pytestconfig):
+    """With --quick, skip each test that starts a process."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        if pytestconfig.option.quick:
+            quick.forbid_processes(monkeypatch)
+        yield
 
 
 @pytest.hookimpl(wrapper=True)
@@ -81,13 +99,14 @@ def pytest_make_collect_report(collector):
     """Skip a file that imports a package that is not installed."""
     report = yield
     import_error = re.search(
-        r"ModuleNotFoundError: (?:No module named '|import of )(\w+)", str(report.longrepr)
+        r"ModuleNotFoundError: (?:No module named '|import of )([\w.]+)", str(report.longrepr)
     )
     if report.failed and import_error:
-        package = import_error.group(1)
+        module = import_error.group(1)
+        package, _, _ = module.partition(".")
         # `training` is None without torch, see above.
         is_switched_off = sys.modules.get(package, 0) is None
-        if package not in OWN_PACKAGES or is_switched_off:
+        if package not in OWN_PACKAGES or module in MADE_BY_CATKIN or is_switched_off:
             report.outcome = "skipped"
             report.longrepr = (str(collector.path), 1, "Skipped: no %s here" % package)
     return report
@@ -105,8 +124,11 @@ def pytest_itemcollected(item):
 
 def pytest_collection_modifyitems(config, items):
     named_marks = config.option.markexpr + " slow" * config.option.all
+    left_out_marks = ["slow", "long"]
+    if config.option.quick:
+        left_out_marks.append("ros")
     chosen_items = items
-    for mark in ("slow", "long"):
+    for mark in left_out_marks:
         if mark not in named_marks:
             chosen_items = [item for item in chosen_items if not item.get_closest_marker(mark)]
     # pytest takes its own list, changed in place.

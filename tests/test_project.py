@@ -32,8 +32,8 @@ ROS_MODULES = {
 }
 # Libraries whose import takes so long that a command without need for them must not wait for it
 HEAVY = (
-    "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet "
-    "trimesh viser"
+    "numba scipy.linalg scipy.spatial scipy.stats scipy.signal torch tensorboard pandas matplotlib "
+    "PIL cma ruptures ray pybullet trimesh viser"
 )
 # Program that starts every command with --help, and prints who imports a heavy library first
 STARTS = """
@@ -58,6 +58,17 @@ for name, module in {**COMMANDS, **NODES}.items():
         run_script(module, name in NODES)
     assert not ours or "usage" in output.getvalue(), output.getvalue()
     report(name)
+"""
+# Tests of which --quick runs the first
+WITH_AND_WITHOUT_PROCESS = """
+import subprocess
+import sys
+
+def test_computes():
+    assert "rospy" not in sys.modules or sys.modules["rospy"] is None
+
+def test_starts_a_process():
+    subprocess.run([sys.executable, "--version"], check=True)
 """
 PRODUCT = ("applr_ros1", "sim_bridge", "training", "worlds")
 NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
@@ -94,6 +105,21 @@ def test_help_invalid_options_and_workers_import_no_heavy_library():
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=HANGS
     )
     assert (finished.returncode, finished.stdout) == (0, ""), finished.stdout + finished.stderr
+
+
+def test_quick_skips_what_needs_ros_or_starts_a_process(tmp_path):
+    (tmp_path / "test_processes.py").write_text(WITH_AND_WITHOUT_PROCESS)
+    (tmp_path / "test_ros.py").write_text("import rospy\n\ndef test_imports(): pass\n")
+    options = ("--quick", "-p", "tests.conftest", "-p", "no:cacheprovider", "--rootdir", tmp_path)
+    finished = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, tmp_path],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=HANGS,
+    )
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    assert "1 passed, 2 skipped" in finished.stdout
 
 
 def test_package_xml_declares_the_ros_packages_that_are_imported():

@@ -1,44 +1,27 @@
-"""Decorator `kernel`: numba's njit with machine code that is cached on disk between processes.
+"""Decorator `kernel`: numba's njit at the first call, with machine code that is cached on disk.
 
-Every compiled function of the package uses the decorator. numba's own cache is keyed by the path of
-the kernel's source file and checks that file alone. A second copy of the package therefore starts
-without a cache, and changes in imported functions and constants go unnoticed. Here the key of a
-cached file is a hash of the argument types, numba's version, the processor, and the sources of the
-kernel's module and of all modules of this repository from which that module imports kernels or
-constants. Editing a module recompiles its kernels and those of the modules that import from it.
+Every compiled function of the package uses the decorator. numba itself is imported when the first
+kernel runs: it costs more than everything else that `--help` of a command imports.
 
-The cache is the first of these folders that only this user can write, because machine code is
-loaded from it: `NUMBA_CACHE_DIR`, `~/.cache`, or the folder for temporary files. If there is none,
-or if the disk is full, each process compiles its kernels anew.
+numba's own cache is keyed by the path of the kernel's source file and checks that file alone. A
+second copy of the package therefore starts without a cache, and changes in imported functions and
+constants go unnoticed. Here (kernel_cache.py) the key of a cached file is a hash of the argument
+types, numba's version, the processor, and the sources of this module, the kernel's module and all
+modules of this repository from which that module imports kernels or constants. Editing a module
+recompiles its kernels and those of the modules that import from it.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import importlib.util
-import os
-import pickle
 import re
-import stat
 import sys
-import tempfile
-import warnings
+import threading
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Tuple, TypeVar, overload
 
-import numba
-from numba.core import serialize
-from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
-from numba.core.dispatcher import Dispatcher
-
-# limit on cached files (12 versions of all kernels); the least recently used are removed
-KEPT_FILES = 6000
-# numba has no types for these two functions.
-dumps: Callable[[Any], bytes] = serialize.dumps
-rebuild: Callable[..., CompileResult] = CompileResult._rebuild
 # packages of this repository whose modules are hashed
 OURS = ("applr_ros1", "sim_bridge", "worlds")
 Result = TypeVar("Result")
@@ -46,6 +29,9 @@ Result = TypeVar("Result")
 # lines
 IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 COMMENT = re.compile(r" *#.*")
+# Nodes call kernels from several threads, and cached_property has no lock from Python 3.12 on. A
+# second dispatcher would compile everything again.
+_MAKES_DISPATCHER = threading.Lock()
 
 
 @overload
@@ -53,79 +39,77 @@ def kernel(function: Callable[..., Result]) -> Callable[..., Result]: ...
 @overload
 def kernel(**options: Any) -> Callable[[Callable[..., Result]], Callable[..., Result]]: ...
 def kernel(function: Any = None, **options: Any) -> Any:
-    """Compile `function` with numba.njit and cache the machine code.
+    """Compile `function` with numba.njit when it is first called, and cache the machine code.
 
     Args:
         function: Python function that numba can compile, at the top level of a module.
         options: Options of numba.njit except `cache`, for example `error_model="numpy"`.
 
     Returns:
-        numba's dispatcher, or a decorator if only options are given. Callers may pass numpy scalars
-        for numbers, so the dispatcher's type declares only the result.
+        The Kernel, or a decorator if only options are given. Callers may pass numpy scalars for
+        numbers, so the type declares only the result.
     """
     if function is None:
         return functools.partial(kernel, **options)
-    dispatcher = numba.njit(**options)(function)
-    dispatcher._cache = KernelCache(dispatcher)
-    return dispatcher
+    return Kernel(function, options)
 
 
-class KernelCache(NullCache):
-    """Disk cache of one kernel, for numba's dispatcher: a file for each tuple of argument types."""
+class Kernel:
+    """A compiled function, whose dispatcher is made by the first call from Python or a kernel.
 
-    def __init__(self, dispatcher: Dispatcher):
-        self._function = dispatcher.py_func
+    Attributes:
+        py_func: The function as Python runs it.
+        targetoptions: Options of numba.njit. While numba compiles a kernel that calls this one, it
+            asks for them under this name, to find out whether to inline the function.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]):
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        self.targetoptions = options
         # Files may be edited between the import and the first call.
-        self._sources = _hash_of_sources(self._function.__module__)
+        self._sources = _hash_of_sources(function.__module__)
+
+    # Arguments have no names here: each call would pay for an empty dict, 50 ns.
+    def __call__(self, *arguments: Any) -> Any:
+        """Return the result of the compiled function."""
+        return self.dispatcher(*arguments)
+
+    def __reduce__(self) -> str:
+        """Pickle the kernel as the name under which its module has it."""
+        return self.py_func.__qualname__
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """Dispatcher of numba, which compiles for each tuple of argument types."""
+        import numba
+
+        from applr_ros1.common.kernel_cache import KernelCache
+
+        with _MAKES_DISPATCHER:
+            if "dispatcher" not in vars(self):
+                dispatcher = numba.njit(**self.targetoptions)(self.py_func)
+                dispatcher._cache = KernelCache(self.py_func, self._sources)
+                vars(self)["dispatcher"] = dispatcher
+        return vars(self)["dispatcher"]
 
     @property
-    def cache_path(self) -> str:
-        """Folder of the cache; "" if there is none."""
-        return cache_folder()
+    def _numba_type_(self) -> Any:
+        """Type by which numba finds the dispatcher while it compiles a kernel that calls this one.
 
-    def load_overload(self, signature: Any, target_context: Any) -> CompileResult | None:
-        """Return the cached compilation for these types, or None if it is missing or damaged."""
-        # As in numba's own Cache.load_overload: the context must know the functions of the loaded
-        # code.
-        target_context.refresh()
-        if not cache_folder():
-            return None
-        cache_file = self._path(signature, target_context.codegen())
-        try:
-            result_parts = pickle.loads(cache_file.read_bytes())
-            os.utime(cache_file)  # _remove_unused sorts by the time of the last use.
-        except Exception:  # Unpickling a damaged file may raise any exception.
-            return None
-        return rebuild(target_context, *result_parts)
+        numba's typeof asks every object of an unknown class for this attribute.
+        """
+        import numba
 
-    def save_overload(self, signature: Any, data: Any) -> None:
-        """Write a compilation to the cache. Other processes see the file once it is complete."""
-        # Code with addresses of this process (dynamic globals) is useless to any other process.
-        if not cache_folder() or data.library.has_dynamic_globals:
-            return
-        cache_file = self._path(signature, data.library.codegen)
-        with contextlib.suppress(OSError):
-            partial_file = Path(f"{cache_file}.{os.getpid()}")
-            partial_file.write_bytes(dumps(data._reduce()))
-            os.replace(partial_file, cache_file)
-            _remove_unused()
-
-    def _path(self, signature: Any, codegen: Any) -> Path:
-        """Return the file of the machine code for a signature on this processor."""
-        function = self._function
-        type_names = [str(argument_type) for argument_type in getattr(signature, "args", signature)]
-        target = sys.version_info[:2], numba.__version__, codegen.magic_tuple()
-        cache_key = repr((target, type_names, self._sources)).encode()
-        checksum = hashlib.sha256(cache_key).hexdigest()[:32]
-        file_name = f"{function.__module__}.{function.__qualname__}-{checksum}"
-        return Path(cache_folder(), file_name)
+        return numba.types.Dispatcher(self.dispatcher)
 
 
 @functools.lru_cache(maxsize=None)
 def _hash_of_sources(module: str) -> str:
     """Return a hash of the sources of a module and of all modules on which it depends."""
     source_hashes: Dict[str, str] = {}
-    waiting_modules = [module]
+    # This module decides with which options a kernel is compiled, and which ones are inlined.
+    waiting_modules = [module, __name__]
     while waiting_modules:
         module_name = waiting_modules.pop()
         if module_name not in source_hashes:
@@ -175,52 +159,4 @@ def _modules_of(base: str, names: str, namespace: Mapping[str, Any]) -> List[str
 
 def _is_taken(value: Any) -> bool:
     """Return whether kernels can use an imported value: a constant, a kernel or a NamedTuple."""
-    return not callable(value) or isinstance(value, Dispatcher) or hasattr(value, "_fields")
-
-
-@functools.lru_cache(maxsize=None)
-def cache_folder() -> str:
-    """Return the folder of the cache, or "" if there is none that only this user can write.
-
-    The folder is created if it is missing.
-    """
-    cache_home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    temporary_folder = os.environ.get("TMPDIR") or "/tmp"
-    folders = [
-        os.path.join(cache_home, "applr_ros1"),
-        os.path.join(temporary_folder, f"applr_ros1-{os.getuid()}"),
-    ]
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        folders.insert(
-            0, os.path.abspath(os.path.join(os.environ["NUMBA_CACHE_DIR"], "applr_ros1"))
-        )
-    for folder in folders:
-        # expanduser keeps "~" if the user has no home folder.
-        if os.path.isabs(folder) and _is_private(folder):
-            return folder
-    problem = f"no folder for compiled kernels can be written ({', '.join(folders)})"
-    remedy = "set NUMBA_CACHE_DIR to a folder of your own"
-    warnings.warn(f"{problem}: every start recompiles, {remedy}", stacklevel=2)
-    return ""
-
-
-def _is_private(folder: str) -> bool:
-    """Return whether a folder exists or can be made, and only this user can write to it."""
-    try:
-        os.makedirs(folder, mode=0o700, exist_ok=True)
-        folder_status = os.stat(folder)
-        others_may_write = folder_status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-        if folder_status.st_uid != os.getuid() or others_may_write:
-            return False
-        tempfile.TemporaryFile(dir=folder).close()  # The disk may be full or read-only.
-    except OSError:
-        return False
-    return True
-
-
-@functools.lru_cache(maxsize=None)
-def _remove_unused() -> None:
-    """Remove the least recently used files beyond KEPT_FILES. Runs once per process."""
-    cached_files = sorted(os.scandir(cache_folder()), key=lambda entry: -entry.stat().st_mtime)
-    for unused_file in cached_files[KEPT_FILES:]:
-        os.unlink(unused_file.path)
+    return not callable(value) or isinstance(value, Kernel) or hasattr(value, "_fields")

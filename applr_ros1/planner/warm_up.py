@@ -2,7 +2,7 @@
 
 The move_base node calls it before it reports that it is ready, and benchmarks call it before they
 measure. The first start on a machine takes about a minute, later ones a few seconds.
-common/kernels.py documents the cache's location.
+common/kernel_cache.py documents the cache's location.
 """
 
 from __future__ import annotations

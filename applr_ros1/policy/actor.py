@@ -9,6 +9,7 @@ training/appld with `save_contexts`. Nothing is unpickled.
 from __future__ import annotations
 
 import json
+import logging
 import os
 from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
@@ -35,6 +36,7 @@ from applr_ros1.policy.parameter_space import SPACE, Space, obstacle_range_of, s
 from applr_ros1.robots import JACKAL, Robot
 
 # Format names in the files of both policies
+_LOGGER = logging.getLogger(__name__)
 FORMAT = "applr-actor-2"
 CONTEXTS_FORMAT = "applr-appld-1"
 # Metadata in plain text instead of JSON; only older files have sha256.
@@ -245,6 +247,7 @@ def load(
             policy.obstacle_range = obstacle_range_of(metadata)
     policy.metadata = metadata
     policy.path = path
+    _LOGGER.info("policy %s for %s", path, robot.name)
     return policy
 
 

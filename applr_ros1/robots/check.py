@@ -19,6 +19,7 @@ from pydantic import ValidationError
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import did_you_mean, remedy_of, shown
 from applr_ros1.common.trees import branch
+from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import (
     LOCAL_PLANNERS,
@@ -350,8 +351,6 @@ def crossing_outlines(full: Dict[str, Any]) -> Iterator[str]:
     The C++ planner takes it and drives too close to obstacles: the inscribed radius is that of the
     point where two sides cross.
     """
-    from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
-
     for costmap in COSTMAPS:
         corners = full[costmap]["footprint"]
         if footprint.crosses_itself(footprint.parse(corners)):
@@ -644,8 +643,6 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
 
 def _outline(values: Dict[str, Any]) -> Array:
     """Return the padded footprint (n, 2) of a costmap with these values [m]."""
-    from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
-
     return footprint.padded(values)
 
 

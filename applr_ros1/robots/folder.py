@@ -5,6 +5,7 @@ Folders of the included robots lie beside this file.
 
 from __future__ import annotations
 
+import logging
 import os
 from functools import lru_cache
 from typing import Any, Dict, Iterable, Tuple
@@ -17,6 +18,7 @@ from applr_ros1.robots.learned import default_space
 from applr_ros1.robots.parameter_files import read_yaml
 from applr_ros1.robots.robot import FILE, Robot, RobotFile
 
+_LOGGER = logging.getLogger(__name__)
 _HERE = os.path.dirname(os.path.abspath(__file__))
 NAMES = tuple(
     sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.path.join(_HERE, name, FILE)))
@@ -51,7 +53,7 @@ def load(name_or_folder: str, with_map: bool = False) -> Robot:
     # An included robot without files for a map may drive with a move_base that has others.
     if with_map and not (is_included and robot.move_base.with_map is None):
         robot = robot.on_map()
-    # Tests check the included robots. The check imports the planner, which takes half a second.
+    # Tests check the included robots.
     if is_included:
         return robot
     errors = check.check(robot)
@@ -109,6 +111,7 @@ def described(content: Dict[str, Any], name: str, folder: str) -> Robot:
         space = default_space(fields["base"], fields["body"], move_base.without_map)
     else:
         space = tuple(space.values())
+    _LOGGER.info("robot %s: %d parameters to set", folder, len(space))
     return Robot(**fields, name=name, folder=folder, space=space, move_base=move_base)
 
 

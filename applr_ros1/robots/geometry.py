@@ -10,7 +10,7 @@ from math import cos, pi, sin
 from typing import List, NamedTuple, Tuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from applr_ros1.robots.robot import Base, Robot
 
@@ -121,7 +121,7 @@ def corners(robot: Robot) -> np.ndarray:
 def outline(robot: Robot) -> np.ndarray:
     """Return the corners (n, 2) [m] of the convex outline of a robot, in order around it."""
     points = corners(robot)
-    hull_points: np.ndarray = points[ConvexHull(points).vertices]
+    hull_points: np.ndarray = points[scipy.spatial.ConvexHull(points).vertices]
     return hull_points
 
 

@@ -6,6 +6,7 @@ are followed exactly.
 
 from __future__ import annotations
 
+import logging
 import math
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
+_LOGGER = logging.getLogger(__name__)
 # Alternatives drive on from so many cycles of all events, and at least so many of each event.
 CYCLES = 8
 LEAST = 3
@@ -266,7 +268,9 @@ def best_changes(
         with suppress(ApplrError):  # The value may contradict that of another parameter.
             # Most changes do nothing, which some of the cycles show.
             speeds, _ = drive_on(replay, cycles[::FEW], change).T
-            if (speeds - speeds_before[::FEW]).mean() <= LITTLE:
+            gain_m_s = (speeds - speeds_before[::FEW]).mean()
+            if gain_m_s <= LITTLE:
+                _LOGGER.info("%s: left out, %+.2f m/s", change, gain_m_s)
                 continue
             results_after = drive_on(replay, cycles, change)
             _, clearances = results_after.T
@@ -277,7 +281,10 @@ def best_changes(
                 before=MeanResult(*results_before.mean(axis=0).tolist()),
                 after=MeanResult(*results_after.mean(axis=0).tolist()),
             )
-            if alternative.gain > LITTLE and clearances.min() >= nearest:
+            clearance_m = clearances.min()
+            gain_m_s = alternative.gain
+            _LOGGER.info("%s: %+.2f m/s, clearance %.2f m", change, gain_m_s, clearance_m)
+            if gain_m_s > LITTLE and clearance_m >= nearest:
                 by_parameter.setdefault((change.server, change.name), []).append(alternative)
     best_of_each = [ranked(alternatives)[0] for alternatives in by_parameter.values()]
     best_alternatives = ranked(best_of_each)

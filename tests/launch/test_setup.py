@@ -137,6 +137,14 @@ def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
     assert not (set_up_folder / "venv" / "bin" / "no-pip").exists()
 
 
+def test_quick_tests_need_no_system_packages(clone):
+    (clone.folder / "sim_bridge").mkdir()  # Its files count for the compiled kernels.
+    own_python = str(clone.programs / "python")
+    without_root = dict(QUICK, **NOTHING, id="echo 1000", sudo="exit 1")
+    ended = clone("test", "--quick", stand_ins=without_root, APPLR_PYTHON=own_python)
+    assert ended == (0, [VENV])
+
+
 def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     """pip would count such packages as installed, and PYTHONHOME would break Python. ./applr exec
     passes both on.

@@ -71,10 +71,10 @@ def test_invalid_arguments_start_nothing(name):
     assert "~robot" in ended(asked_for_help, 0)
 
 
-# Program in which the import of numba fails, as if it were not installed
-WITHOUT_NUMBA = """
+# Program in which the import of pydantic fails, as if it were not installed
+WITHOUT_PYDANTIC = """
 import sys
-sys.modules['numba'] = None
+sys.modules['pydantic'] = None
 from applr_ros1.common.errors import run_script
 sys.argv[1:] = ['--help']
 run_script('applr_ros1.nodes.move_base.node')
@@ -82,8 +82,8 @@ run_script('applr_ros1.nodes.move_base.node')
 
 
 def test_a_missing_python_package_is_one_line_with_the_remedy():
-    error_line = ended(start("-c", WITHOUT_NUMBA), 1)
-    assert "numba" in error_line
+    error_line = ended(start("-c", WITHOUT_PYDANTIC), 1)
+    assert "pydantic" in error_line
     assert "./applr packages" in error_line
 
 

@@ -122,6 +122,8 @@ def main():
     for node_name in IMPORTED:
         importlib.import_module(NODES[node_name])
     importlib.import_module("tests.support.nodes")
+    # Every node that runs a kernel would otherwise import numba anew.
+    importlib.import_module("numba")
     for line in sys.stdin:
         order = json.loads(line)
         part_name = PARTS.get(order["words"][0])

@@ -6,6 +6,7 @@ numbers from message definitions.
 
 from __future__ import annotations
 
+import logging
 import os
 from contextlib import contextmanager
 from functools import partial
@@ -22,6 +23,7 @@ from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.received import drive_from, received, sources_of
 from applr_ros1.robots import JACKAL, Robot
 
+_LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
 
 
@@ -76,6 +78,7 @@ class OpenBag:
             messages.append(message)
         drive = drive_from(messages, robot)
         drive.name = self._name
+        _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))
         return drive
 
     def text_on(self, topic: str) -> Optional[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import signal
 from contextlib import contextmanager
 from typing import Annotated, Any, Dict, Iterator, Literal, NoReturn, Optional, Sequence, Type
@@ -12,6 +13,7 @@ from typing_extensions import override
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.extras import OURS
 from applr_ros1.robots import NAMES, Robot, load
 from training.common.options import O, add_options, checked
 
@@ -75,7 +77,22 @@ def given(
     formatter = argparse.RawDescriptionHelpFormatter
     parser = Parser(program, description=about, formatter_class=formatter, allow_abbrev=False)
     add_options(parser, model)
-    return vars(parser.parse_args(without_remappings(arguments)))
+    verbose_help = "Report what is loaded, tried and left out, with times, on stderr."
+    parser.add_argument("--verbose", action="store_true", help=verbose_help)
+    values = vars(parser.parse_args(without_remappings(arguments)))
+    if values.pop("verbose"):
+        log_to_stderr()
+    return values
+
+
+def log_to_stderr() -> None:
+    """Print the log of this repository's packages on stderr, with the time since the start."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(relativeCreated)6.0f ms  %(name)s: %(message)s"))
+    for package in OURS:
+        logger = logging.getLogger(package)
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
 
 
 def parsed(model: Type[O], *command_line: Any) -> O:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from functools import partial
 from typing import Any, Dict, Literal, Sequence, Tuple
@@ -23,6 +24,8 @@ from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
 from worlds.loading import SPECIFICATIONS
+
+_LOGGER = logging.getLogger(__name__)
 
 
 class EvaluationOptions(DriveSettings):
@@ -78,6 +81,7 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
     with TrialTable(options.out, settings(options, worlds, chosen)) as table:
         missing = len(table.missing(plan))
         done = len(plan) - missing
+        _LOGGER.info("%d trials to drive, %d left out: in the table", missing, done)
         bar = tqdm(total=len(plan), initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
         try:
             with bar, Pool(min(options.workers, missing), options.ray_address) as pool:

@@ -6,6 +6,7 @@ seeds that did not choose it.
 
 from __future__ import annotations
 
+import logging
 import math
 from operator import itemgetter
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -34,6 +35,7 @@ from training.workers.calls import CallFailed
 from training.workers.pool import Pool
 from worlds import World
 
+_LOGGER = logging.getLogger(__name__)
 CHOOSING = 1, 2  # seeds that choose a candidate
 CONFIRMING = 3, 4, 5  # seeds that judge the chosen one
 ROUND = 3  # number of candidates that drive before the best of them sets the time for others
@@ -290,10 +292,20 @@ def _drive(
             if candidate is None:
                 raise ApplrError("the recorded values cannot be driven in simulation") from None
             drives.pop(candidate, None)
+            _LOGGER.info("%s: left out, move_base refuses it", candidate)
         else:
+            driven = candidate or "the recorded values"
+            _LOGGER.info("%s: %.1f s%s", driven, arrival.seconds, _end_of(arrival))
             if candidate in drives:
                 drives[candidate].append(arrival)
     return drives
+
+
+def _end_of(arrival: Arrival) -> str:
+    """Return how a drive ended, for the log; "" if it arrived."""
+    if arrival.is_slow:
+        return ", broken off"
+    return "" if arrival.success else ", failed"
 
 
 def _ranked(drives: Drives) -> List[Optional[Candidate]]:

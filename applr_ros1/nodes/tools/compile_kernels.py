@@ -1,7 +1,7 @@
 """Compilation of all kernels of the robot's side, so that nodes never compile while they drive.
 
 `./applr` runs this program if kernels may be missing, and so does `catkin_make install`. The
-program prints the folder of the cache, which common/kernels.py describes.
+program prints the folder of the cache, which common/kernel_cache.py describes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Callable, Tuple
 import sim_bridge
 import worlds
 from applr_ros1.common.errors import run_main
-from applr_ros1.common.kernels import cache_folder
+from applr_ros1.common.kernel_cache import cache_folder
 from applr_ros1.common.progress import announced
 from applr_ros1.drives import simulate
 from applr_ros1.drives.end_rules import Rules

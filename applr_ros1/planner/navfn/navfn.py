@@ -178,10 +178,10 @@ class Navfn:
         self._fence = fence
         reset(self._field, self._lines)
         if fence is not None:
-            window.set_fence(self._field, self._costs, columns, fence, closed=True)
+            window.set_fence(self._field, self._costs, columns, fence, window.CLOSED)
         flood(self._field, self._lines, *self._scratch, columns, rows, *self._flooded)
         if fence is not None:
-            window.set_fence(self._field, self._costs, columns, fence, closed=False)
+            window.set_fence(self._field, self._costs, columns, fence, window.OPEN)
 
     def _trace(self, costmap: Costmap, goal: Sequence[float], tolerance: float) -> np.ndarray:
         """Return the plan (n, 3) down the potential of the last flood, (0, 3) if there is none."""

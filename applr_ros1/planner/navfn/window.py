@@ -25,6 +25,9 @@ MARGIN = 7  # distance from the fence to the cells that it encloses [cells]
 # Smallest accepted distance of a plan from the fence [cells]. Tracing reads two cells around.
 INNER = 4
 LARGEST = 0.7  # largest share of the map inside a fence; a larger fence saves no time
+# States of a fence, for `set_fence`
+CLOSED = True
+OPEN = False
 
 
 def around(extent: np.ndarray, robot: int, goal: int, columns: int, rows: int) -> Optional[Window]:
