@@ -105,19 +105,19 @@ class MoverTracker:
             last_stamp, (last_x, last_y, last_yaw) = self._last
             interval = scan.stamp - last_stamp
             if -PAUSE_S < interval <= 0.0:
-                return self._movers()
+                return self.movers
             distance = math.hypot(x - last_x, y - last_y)
             turn_angle = normalize_angle(yaw - last_yaw)
             if self._has_jumped(interval, distance, turn_angle):
                 self.reset()
                 interval = 0.0
         if scan.rotation is not None:
-            return self._movers()
+            return self.movers
         if self._last is not None:
             self._filter_speeds(interval, distance, turn_angle)
         self._last = scan.stamp, (x, y, yaw)
         self._follow(scan, (x, y, yaw), interval)
-        return self._movers()
+        return self.movers
 
     def _has_jumped(self, interval: float, distance: float, turn_angle: float) -> bool:
         """Return whether time has jumped, or the pose faster than the base can drive and turn."""
@@ -185,7 +185,9 @@ class MoverTracker:
         cluster_count = clusters.find_clusters(ranges, directions, fans, self._clusters)
         return self._clusters[:cluster_count]
 
-    def _movers(self) -> Movers:
+    @property
+    def movers(self) -> Movers:
+        """Moving obstacles at the latest scan's stamp."""
         moving_tracks = self._tracks[self._tracks["moves"]]
         to_odometry = inverse(self._correction)
         turn_to_odometry = (0.0, 0.0, to_odometry[2])
