@@ -1,14 +1,17 @@
-"""Lasers of a robot, by topic and frame: which of them must send scans.
+"""Lasers of a robot, by topic and frame: which of them must send scans, and what each has seen.
 
 CollisionMonitor holds one Lasers. Lasers that share a topic are told apart by their frames.
 """
 
 from typing import Iterable, Iterator, List, Optional
 
+import numpy as np
+
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.movers.tracker import MoverTracker
 
 # Number of scans after which a laser belongs to the robot: if it falls silent, the robot stops.
 ESTABLISHED_SCANS = 50
@@ -16,7 +19,7 @@ LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let g
 
 
 class Laser:
-    """State of one laser: obstacle memory, fault check, stamp and fault of its latest scan.
+    """State of one laser: obstacle memory, tracker, fault check, and its latest scan.
 
     Attributes:
         topic: name of its topic, "" for that of the robot's first laser.
@@ -26,6 +29,9 @@ class Laser:
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
+        movers: tracked obstacles in the latest scan, in the odometry's frame.
+        gaps: points (n, 2) [m] of the latest scan from behind which something may come, in the
+            odometry's frame; none if nothing does.
     """
 
     def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
@@ -34,16 +40,28 @@ class Laser:
         self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
+        self.tracker = MoverTracker(settings.max_speed, settings.max_yaw_rate, settings.scan_period)
         self.count = 0
         self.clear()
 
     def clear(self) -> None:
         """Forget the scans."""
-        self.memory.clear()
+        self.forget_place()
+        self.tracker.reset()
+        self.movers = self.tracker.movers
         self.check.clear()
         self.stamp: Optional[float] = None
         self.latest: Optional[float] = None
         self.fault = "no scan has arrived yet"
+
+    def forget_place(self) -> None:
+        """Forget what was seen, because the robot is elsewhere.
+
+        Tracks end by themselves. If a large obstacle that moves made the scan look like another
+        place, its track is still needed.
+        """
+        self.memory.clear()
+        self.gaps = np.empty((0, 2))
 
 
 class Lasers:

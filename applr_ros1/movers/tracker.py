@@ -30,7 +30,8 @@ class Movers(NamedTuple):
     """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of equal length.
 
     id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius
-    of the disc [m].
+    of the disc [m]. covariance: (n, 3) variance of the position [m^2], covariance of position and
+    velocity [m^2/s], and variance of the velocity [m^2/s^2], along each axis.
     """
 
     id: np.ndarray
@@ -39,6 +40,7 @@ class Movers(NamedTuple):
     vx: np.ndarray
     vy: np.ndarray
     radius: np.ndarray
+    covariance: np.ndarray
 
 
 class MoverTracker:
@@ -193,7 +195,16 @@ class MoverTracker:
         turn_to_odometry = (0.0, 0.0, to_odometry[2])
         x, y = transform_point(to_odometry, moving_tracks["x"], moving_tracks["y"])
         vx, vy = transform_point(turn_to_odometry, moving_tracks["vx"], moving_tracks["vy"])
-        return Movers(moving_tracks["id"], x, y, vx, vy, moving_tracks["radius"])
+        covariance = [moving_tracks["pp"], moving_tracks["pv"], moving_tracks["vv"]]
+        return Movers(
+            id=moving_tracks["id"],
+            x=x,
+            y=y,
+            vx=vx,
+            vy=vy,
+            radius=moving_tracks["radius"],
+            covariance=np.column_stack(covariance),
+        )
 
 
 def warm_up() -> None:
