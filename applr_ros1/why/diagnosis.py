@@ -25,7 +25,7 @@ from applr_ros1.why.reasons import (
 )
 from applr_ros1.why.replay import Replay, some
 from applr_ros1.why.stretch import Stretch, first_of
-from applr_ros1.why.touch import Touch, touch_of
+from applr_ros1.why.touch import FirstContact, touch_of
 
 EXPLAINED = 5  # number of explained cycles of an event; the middle one stands for the event
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
@@ -52,7 +52,7 @@ class Diagnosis:
     events: List[Event]
     explained: List[List[Explanation]] = field(default_factory=list)
     part: Optional[Tuple[float, float]] = None
-    touch: Optional[Touch] = None
+    touch: Optional[FirstContact] = None
 
     @property
     def drive(self) -> Drive:

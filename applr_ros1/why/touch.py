@@ -1,4 +1,4 @@
-"""Touch: first contact of a recorded drive, and what moved there according to the scans."""
+"""First contact of a recorded drive, and what moved there according to the scans."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GAP_M = 0.4
 SIDES = ("ahead", "the left", "behind", "the right")  # quarters around the robot, from its front
 
 
-class Touch(NamedTuple):
+class FirstContact(NamedTuple):
     """First contact of a drive.
 
     Attributes:
@@ -43,7 +43,7 @@ class Touch(NamedTuple):
         return f"{contact} by something that came from {self.side} at {self.mover_speed:.1f} m/s."
 
 
-def touch_of(recording: Recording) -> Optional[Touch]:
+def touch_of(recording: Recording) -> Optional[FirstContact]:
     """Return the first contact of a recorded drive, or None without one.
 
     The robot's speed is the true one if it is known, else that of the odometry.
@@ -53,7 +53,7 @@ def touch_of(recording: Recording) -> Optional[Touch]:
         return None
     time = float(drive.contacts[0])
     motion = drive.truth if drive.truth is not None else recording.odometry
-    touch = Touch(time, speed_before(motion, time))
+    touch = FirstContact(time, speed_before(motion, time))
 
     # The moving obstacle that is nearest to the robot, if it is near enough
     movers = _movers_at(recording, time)
