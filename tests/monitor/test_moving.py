@@ -34,7 +34,7 @@ from tests.monitor.scenes import BODY, FRONT, SIDE, safe_scale_of
 from tests.monitor.test_ways import braking_distance, smallest_passing
 
 PERIOD = 0.05  # control period [s]
-RADIUS = 0.25  # of what moves [m]
+RADIUS = 0.25  # radius of the moving obstacles [m]
 MEET_S = 2.5  # time at which an undisturbed robot would meet it [s]
 STANDS = 0.1  # speed up to which a robot counts as standing [m/s]
 ROBOTS = {name: robots.load(name) for name in ("jackal", "husky", "turtlebot3_waffle_pi")}
@@ -43,7 +43,7 @@ AHEAD = Placement(0.0, 0.0, 1.0, 0.0)
 
 
 class Scene(NamedTuple):
-    """What moves, and what stands.
+    """Moving and standing obstacles, and the command.
 
     Attributes:
         paths: Function of the time [s] that returns the centre (x, y) [m], for each mover.
