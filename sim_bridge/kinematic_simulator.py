@@ -23,7 +23,7 @@ from . import wheels
 from .mechanics import STEP, mechanics
 from .records import Records, record, record_type
 from .simulator import SOON_S, RobotState, Simulator
-from .wheels import Pair, Triple, Vehicle
+from .wheels import Triple, Vehicle
 
 _MARGIN_M = 0.02  # distance below which contacts are tracked [m]
 _UNDONE_M_S = 1.0  # largest speed at which an overlap is resolved [m/s]
@@ -250,7 +250,9 @@ def _box_contact(
 
 
 @kernel
-def _add_contact(contacts: Records, count: int, touch: Touch, part: int, velocity: Pair) -> int:
+def _add_contact(
+    contacts: Records, count: int, touch: Touch, part: int, velocity: Tuple[float, float]
+) -> int:
     """Write the contact of one part as number `count`, and return the number of contacts.
 
     A contact with a gap above _MARGIN_M is omitted. `velocity` is that of the obstacle in the body

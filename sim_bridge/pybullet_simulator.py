@@ -13,7 +13,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
@@ -24,7 +24,7 @@ from . import wheels
 from .mechanics import STEP, mechanics
 from .records import Records
 from .simulator import RobotState, Simulator
-from .wheels import Pair, Triple, Vehicle
+from .wheels import Triple, Vehicle
 
 Quaternion = Tuple[float, float, float, float]  # x, y, z, w
 Placement = Tuple[Triple, Quaternion]  # position [m] and attitude of the body's centre of mass
@@ -171,7 +171,7 @@ class PybulletSimulator(Simulator):
         points = self._client.getContactPoints(self._body, body)
         return any(point[_NORMAL_FORCE] > 0.0 for point in points)
 
-    def _spin(self, rims: Pair) -> None:
+    def _spin(self, rims: Tuple[float, float]) -> None:
         """Turn Bullet's wheels at the rim speeds (left, right) [m/s]: they rub on obstacles."""
         self._rims = rims
         base = self.robot.base
@@ -236,12 +236,12 @@ def _axes(attitude: Quaternion) -> Axes:
 def _pull(
     vehicles: Records,
     supports: Records,
-    command: Pair,
+    command: Twist,
     table: Array,
     noise: Array,
     placement: Placement,
     motion: Motion,
-) -> Tuple[Triple, Triple, Triple, Pair]:
+) -> Tuple[Triple, Triple, Triple, Tuple[float, float]]:
     """Simulate wheels and tyres for one step.
 
     Args:

@@ -28,10 +28,11 @@ from typing import Any, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist as TwistMessage
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
+from applr_ros1.common.angles import Twist
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
@@ -81,7 +82,7 @@ class Bridge:
         self.lock = threading.Lock()  # protects the simulator
         self.arrived = threading.Condition()  # protects the next four attributes
         # Latest command (v, w) that the simulator has not yet received [m/s, rad/s]
-        self.newest: Optional[Tuple[float, float]] = None
+        self.newest: Optional[Twist] = None
         self.driven = False  # whether velocity commands arrive
         self.period = 0.0  # period of the commands [s]
         self.due = 0.0  # simulated time at which the next command is due [s]
@@ -121,7 +122,7 @@ class Bridge:
     def _connect(self) -> None:
         robot = self.simulator.robot
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
-            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, tcp_nodelay=True)
+            rospy.Subscriber(topic, TwistMessage, self.on_command, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
 

@@ -5,7 +5,7 @@ ros_bridge.py publishes through this module. Poses are planar, at the height of 
 
 from __future__ import annotations
 
-from typing import List, Sequence, Tuple
+from typing import List, Sequence
 
 import numpy as np
 import rospy
@@ -17,7 +17,7 @@ from std_msgs.msg import Bool, ColorRGBA
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from applr_ros1.common.angles import Pose, quaternion_of
+from applr_ros1.common.angles import Pose, Twist, quaternion_of
 from applr_ros1.common.arrays import Array32
 from applr_ros1.robots import Robot
 from applr_ros1.robots.robot import Laser, OdometryErrors
@@ -170,9 +170,7 @@ def _transform(
     return message
 
 
-def _odometry(
-    frame: str, child: str, pose: Pose, twist: Tuple[float, float], stamp: rospy.Time
-) -> Odometry:
+def _odometry(frame: str, child: str, pose: Pose, twist: Twist, stamp: rospy.Time) -> Odometry:
     """Return pose [m, m, rad] and twist (v, w) [m/s, rad/s] of frame `child` in `frame`."""
     x, y, yaw = pose
     v, w = twist

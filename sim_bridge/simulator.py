@@ -13,7 +13,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, normalize_angle, normalize_angle_modulo
+from applr_ros1.common.angles import Pose, Twist, normalize_angle, normalize_angle_modulo
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
@@ -39,9 +39,9 @@ class RobotState:
 
     time: float = 0.0
     pose: Pose = (0.0, 0.0, 0.0)  # true pose in the world frame
-    twist: Tuple[float, float] = (0.0, 0.0)  # true twist in the body frame
+    twist: Twist = (0.0, 0.0)  # true twist in the body frame
     odom_pose: Pose = (0.0, 0.0, 0.0)  # pose estimated by the odometry, in frame odom
-    odom_twist: Tuple[float, float] = (0.0, 0.0)
+    odom_twist: Twist = (0.0, 0.0)
     contact: bool = False  # whether the robot touched an obstacle during the last advance()
     flipped: bool = False
     imu: Tuple[float, float] = (0.0, 0.0)  # forward acceleration [m/s^2], yaw rate [rad/s]
@@ -275,7 +275,7 @@ class Simulator(ABC):
     def _drive(self, steps: int) -> None:
         """Simulate `steps` steps towards `_target(time)`; update self._steps and self.state."""
 
-    def _target(self, time: float) -> Tuple[float, float]:
+    def _target(self, time: float) -> Twist:
         """Return the command (v, w) that the base follows at `time`, after latency and time-out."""
         command = self._command
         while command.pending and command.pending[0].time <= time + SOON_S:

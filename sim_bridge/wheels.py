@@ -28,6 +28,7 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
@@ -35,7 +36,6 @@ from applr_ros1.robots import Robot
 from .mechanics import LEFT_SIDE, RIGHT_SIDE, STEP, TABLE_INTERVALS, Constants, mechanics
 from .records import Records, record
 
-Pair = Tuple[float, float]
 Triple = Tuple[float, float, float]
 SIDES = 2  # number of the wheels' speed noises, left and right
 _KEEP_PULL = exp(-STEP / 0.02)  # decay of the filtered acceleration in a step; time constant 20 ms
@@ -92,7 +92,7 @@ def noises(supports: Records) -> int:
 
 @kernel(error_model="numpy", forceinline=True)
 def turn_wheels(
-    vehicle: Vehicle, supports: Records, command: Pair, table: Array, noise: Array
+    vehicle: Vehicle, supports: Records, command: Twist, table: Array, noise: Array
 ) -> None:
     """Run one step of the velocity controller, which ramps towards `command` (v, w) [m/s, rad/s].
 
@@ -145,7 +145,7 @@ def turn_wheels(
 
 
 @kernel
-def _rims(v: float, w: float, table: Array, constants: Constants) -> Pair:
+def _rims(v: float, w: float, table: Array, constants: Constants) -> Tuple[float, float]:
     """Return the mean and half the difference of the rim speeds [m/s] for (v, w).
 
     The addition to the speed and the multiplier of the track are a bilinear interpolation between
@@ -315,7 +315,7 @@ def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Tri
 @kernel(error_model="numpy")
 def _pyramid(
     slip_x: float, slip_y: float, wheel_cos: float, wheel_sin: float, friction: float
-) -> Pair:
+) -> Tuple[float, float]:
     """Return the friction forces (forward, sideways) of a wheel's edge in Gazebo.
 
     They are relative to slip speed * friction * load [s/m].
@@ -367,7 +367,7 @@ def rim_table(robot: Robot) -> Array:
 
 
 @kernel
-def _settle(v: float, w: float, vehicles: Records, supports: Records) -> Pair:
+def _settle(v: float, w: float, vehicles: Records, supports: Records) -> Tuple[float, float]:
     """Return the addition to v and the multiplier of the track with which the body drives (v, w).
 
     The rim speeds are adjusted in a simulated drive until the body follows the command.

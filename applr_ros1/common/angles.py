@@ -1,4 +1,4 @@
-"""Angles [rad], planar poses (x, y, yaw) [m, m, rad], and boxes in the plane.
+"""Angles [rad], planar poses (x, y, yaw) [m, m, rad], twists, and boxes in the plane.
 
 Compiled kernels have formulas of their own: for example, planner/trajectory/sampling.py matches C++
 bit for bit.
@@ -12,6 +12,8 @@ from typing import Any, Tuple
 import numpy as np
 
 Pose = Tuple[float, float, float]
+# Velocity of a base, measured or commanded: forward v [m/s] and turn rate w [rad/s]
+Twist = Tuple[float, float]
 
 
 def normalize_angle(angle: float) -> float:

@@ -7,11 +7,11 @@ alike. A function `pack` returns the fields of a message by name. So nothing her
 import json
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
+from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, DriveError
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import FARTHEST_M, beginning
@@ -137,7 +137,7 @@ def pose_of(message: Any) -> Pose:
     return message.position.x, message.position.y, yaw_of(message.orientation)
 
 
-def twist_of(message: Any) -> Tuple[float, float]:
+def twist_of(message: Any) -> Twist:
     """Return (v, w) of a geometry_msgs/Twist."""
     return message.linear.x, message.angular.z
 

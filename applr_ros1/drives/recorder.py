@@ -5,7 +5,7 @@ from typing import Any, Dict, List, Mapping, Optional, Type
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import (
     KIND_OF_COLUMN,
@@ -17,7 +17,6 @@ from applr_ros1.drives.drive import (
     SentGoal,
 )
 from applr_ros1.monitor.monitor import Verdict
-from applr_ros1.monitor.motion import Twist
 from worlds import World
 
 FIRST_ROWS = 256  # rows for which a log has room at first

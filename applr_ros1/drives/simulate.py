@@ -13,12 +13,12 @@ from typing import Iterator, Optional
 
 import numpy as np
 
+from applr_ros1.common.angles import Twist
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Decision, Drive, Goal, SentGoal
 from applr_ros1.drives.judge import CourseEnd, Destination, Rules
 from applr_ros1.drives.outcome import Leg, Outcome, nearest, outcome_of
 from applr_ros1.drives.recorder import Recorder
-from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.parameter_space import Space, space_of

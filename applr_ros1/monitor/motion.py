@@ -10,7 +10,6 @@ from typing import Deque, NamedTuple, Tuple
 
 from applr_ros1.common.angles import Pose, compose, inverse
 
-Twist = Tuple[float, float]  # v [m/s], w [rad/s]
 SPAN_S = 0.25  # time baseline of a velocity estimate [s]
 SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from applr_ros1.common.angles import Pose
-from applr_ros1.monitor.motion import PoseMotion, Twist
+from applr_ros1.common.angles import Pose, Twist
+from applr_ros1.monitor.motion import PoseMotion
 
 SPAN_S = 1.0  # time over which the motion of the poses is measured [s]
 PROOF_S = 2.0  # time for which a contradiction must last: longer than a jump of the pose shows [s]

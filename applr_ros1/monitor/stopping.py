@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.known_space import CELL_M, cell_of
-from applr_ros1.monitor.motion import Twist
 from applr_ros1.monitor.moving import Discs, Placement, may_meet, will_meet
 
 CHECK_STEP_S = 0.02  # interval between two checked poses [s]

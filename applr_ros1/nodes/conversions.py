@@ -15,13 +15,14 @@ from typing import Any, Container, Mapping, NamedTuple, Optional, Sequence, Tupl
 import numpy as np
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Vector3
+from geometry_msgs.msg import Twist as TwistMessage
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
+from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
@@ -85,7 +86,7 @@ class Reading(NamedTuple):
 
     time: float
     pose: Pose
-    twist: Tuple[float, float]
+    twist: Twist
 
 
 def reading_of(message: Any) -> Reading:
@@ -108,9 +109,9 @@ def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
     return message
 
 
-def twist(v: float, w: float) -> Twist:
+def twist(v: float, w: float) -> TwistMessage:
     """Return a geometry_msgs/Twist of a forward speed v [m/s] and a turn rate w [rad/s]."""
-    return Twist(Vector3(v, 0.0, 0.0), Vector3(0.0, 0.0, w))
+    return TwistMessage(Vector3(v, 0.0, 0.0), Vector3(0.0, 0.0, w))
 
 
 def diagnostics(

@@ -20,7 +20,7 @@ from sensor_msgs.msg import LaserScan as ScanMessage
 from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
-from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.angles import Pose, Twist, compose
 from applr_ros1.common.ros_node import LARGE_BUFFER, SMALL_BUFFER
 from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.policy.layout import ObservationError
@@ -94,7 +94,7 @@ class Sensors:
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.transforms = Transforms()
         self._no_return = no_return
-        self.twist: Tuple[float, float] = (0.0, 0.0)
+        self.twist: Twist = (0.0, 0.0)
         self._odometry_time = rospy.Time(0)  # arrival time of the latest odometry
         self._pose_stamp = rospy.Time(0)
         self._twist_stamp = rospy.Time(0)

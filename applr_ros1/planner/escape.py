@@ -13,7 +13,9 @@ monitor or with planner fidelity "cpp-like". With a C++ move_base, the monitor i
 
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import Optional
+
+from applr_ros1.common.angles import Twist
 
 HELD = 0.5  # time for which the monitor blocks the planner's commands before a motion [s]
 BLOCKED = 2.0  # time for which the planner finds no command before a motion [s]
@@ -57,7 +59,7 @@ class Escape:
         """Reset timers and counters after a recovery."""
         self._since: Optional[float] = None  # start of the blockage [s]
         self._free_since: Optional[float] = None  # start of unblocked planner commands [s]
-        self._motion: Optional[Tuple[float, float]] = None  # motion under way
+        self._motion: Optional[Twist] = None  # motion under way
         self._began = 0.0
         self._tries = 0
 
@@ -75,7 +77,7 @@ class Escape:
         """True if TRIES motions were unsuccessful and a recovery is due."""
         return self._tries >= TRIES
 
-    def instead(self, now: float, blocked: bool) -> Optional[Tuple[float, float]]:
+    def instead(self, now: float, blocked: bool) -> Optional[Twist]:
         """Return the escape motion to use instead of the planner's command, or None.
 
         Args:

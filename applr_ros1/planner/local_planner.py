@@ -12,9 +12,7 @@ from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
-
-Command = Tuple[float, float]  # velocity (v [m/s], w [rad/s])
+from applr_ros1.common.angles import Pose, Twist
 
 
 class LocalPlanner(abc.ABC):
@@ -50,7 +48,7 @@ class LocalPlanner(abc.ABC):
         twist: Sequence[float],
         costmap: Any,
         local_origin: Optional[Pose] = None,
-    ) -> Tuple[bool, Command]:
+    ) -> Tuple[bool, Twist]:
         """Return (ok, (v, w)) for this cycle.
 
         Args:

@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, 
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse
+from applr_ros1.common.angles import Pose, Twist, compose, inverse
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
@@ -34,7 +34,6 @@ from applr_ros1.planner.state_machine import (
     CycleInput,
     StateMachine,
     Timer,
-    Twist,
 )
 from applr_ros1.planner.variant import CPP_LIKE, LATENESS_STREAM, OURS, draw, generator
 

@@ -7,9 +7,9 @@ None, so a rotation can be cancelled between two cycles.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Union
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.parameters.move_base_parameters import (
     DEFAULT_RECOVERIES,
@@ -49,7 +49,7 @@ class ClearCostmapRecovery:
         local_costmap: Costmap,
         global_costmap: Costmap,
         global_pose: Optional[Pose] = None,
-    ) -> Optional[Tuple[float, float]]:
+    ) -> Optional[Twist]:
         """Clear the costmaps and return None: the behaviour ends within its first cycle.
 
         global_pose: pose in the global costmap's frame, or None if it equals `pose`.
@@ -111,7 +111,7 @@ class RotateRecovery:
         local_costmap: Costmap,
         global_costmap: Costmap,
         global_pose: Optional[Pose] = None,
-    ) -> Optional[Tuple[float, float]]:
+    ) -> Optional[Twist]:
         """Return the next command (0, w [rad/s]).
 
         Return None when the rotation is complete, blocked or takes too long.

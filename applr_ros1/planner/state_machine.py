@@ -22,7 +22,7 @@ from typing import Any, Callable, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.escape import Escape
 from applr_ros1.planner.local_planner import LocalPlanner
@@ -72,7 +72,6 @@ class Timer:
         self._next_turn = now + self._period
 
 
-Twist = Tuple[float, float]
 STOP = (0.0, 0.0)
 NO_PLAN = np.zeros((0, 3))
 

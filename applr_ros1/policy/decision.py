@@ -8,7 +8,7 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT, goal_angle, local_goal, observe, without_gaps
 from applr_ros1.policy.parameter_space import SPACE, Space
@@ -26,7 +26,7 @@ class Seen(NamedTuple):
     scan: Tuple[np.ndarray, float, float]
     time: float
     pose: Pose
-    twist: Tuple[float, float]
+    twist: Twist
     goal: Pose
     plan: np.ndarray
     movers: np.ndarray
@@ -58,7 +58,7 @@ class Context:
     theta: np.ndarray
     time: float
     pose: Pose = (0.0, 0.0, 0.0)
-    twist: Tuple[float, float] = (0.0, 0.0)
+    twist: Twist = (0.0, 0.0)
     goal: Pose = (0.0, 0.0, 0.0)
     plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))

@@ -9,10 +9,9 @@ from typing import NamedTuple, Optional, Protocol, Sequence, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse
+from applr_ros1.common.angles import Pose, Twist, compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.common.times import TIME_TOLERANCE_S
-from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.stack.stack import Stack, Step
 from sim_bridge.simulator import RobotState, Simulator

@@ -10,11 +10,10 @@ from typing import NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
-from applr_ros1.monitor.motion import Twist
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.move_base import MoveBase

@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 from typing import Callable, Hashable, NamedTuple, Optional
 
+from applr_ros1.common.angles import Twist
 from applr_ros1.monitor.monitor import Verdict
-from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.escape import BLOCKED, Escape
 
 # Maximum age of a plan [s]. A planner without a valid command plans again in each cycle.

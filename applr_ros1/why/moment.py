@@ -10,6 +10,7 @@ import numpy as np
 
 from applr_ros1.common.angles import (
     Pose,
+    Twist,
     compose,
     inverse,
     normalize_angle_modulo,
@@ -18,7 +19,6 @@ from applr_ros1.common.angles import (
 from applr_ros1.common.paths import distances
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import LETHAL
-from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots.check import LimitPair, crossed_limits
 from applr_ros1.why.stretch import SLOW
@@ -60,7 +60,7 @@ class Asked:
     """
 
     pose: Pose
-    twist: Command
+    twist: Twist
     plan: np.ndarray
     map: MapSnapshot
     memory: Memory
@@ -156,7 +156,7 @@ class CycleMoment:
     asked: Asked
     planner: str
     lookahead: float
-    command: Command
+    command: Twist
     samples: ComparedSamples
     trajectory_points: np.ndarray
     map: LocalMap

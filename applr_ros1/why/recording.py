@@ -7,10 +7,9 @@ from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.angles import Pose, Twist, compose
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans
-from applr_ros1.planner.local_planner import Command
 from applr_ros1.robots import Robot
 
 NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
@@ -68,7 +67,7 @@ class Recording:
             plans=columns.plans,
         )
 
-    def measured(self, odometry_row: int) -> Tuple[Pose, Command]:
+    def measured(self, odometry_row: int) -> Tuple[Pose, Twist]:
         """Return pose and velocity that the planner was given with an odometry message."""
         x, y, yaw = self.odometry.pose[odometry_row].tolist()
         v, w = self.planner_twist[odometry_row].tolist()

@@ -29,10 +29,9 @@ from typing import (
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
-from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import unchecked_space
 from applr_ros1.robots import Robot
@@ -86,7 +85,7 @@ class ReplayedCycle(Asked):
     """
 
     at: float
-    command: Command
+    command: Twist
     scan: int
     is_cleared: bool = False
     error: float = np.inf
@@ -412,7 +411,7 @@ class _Search:
                     is_cleared=is_cleared,
                 )
 
-    def _states(self, odometry_row: int) -> Iterator[Tuple[Pose, Command]]:
+    def _states(self, odometry_row: int) -> Iterator[Tuple[Pose, Twist]]:
         """Yield the poses and velocities that the planner may have been given, each pair once."""
         known_states = set()
         for twist_lag, pose_shift in product(LAGS, POSE_SHIFTS):
@@ -469,7 +468,7 @@ def _are_equal(first: MapSnapshot, second: MapSnapshot) -> bool:
     return all(map(np.array_equal, first, second))
 
 
-def _difference(command: Command, other: Command) -> float:
+def _difference(command: Twist, other: Twist) -> float:
     """Return the difference of two commands [m/s + rad/s]."""
     v, w = command
     other_v, other_w = other

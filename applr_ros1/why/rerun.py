@@ -9,9 +9,8 @@ from typing import Any, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.scan import LaserScan, PointCloud, observe
-from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.parameter import Parameter
@@ -32,7 +31,7 @@ from applr_ros1.why.moment import (
 class CycleResult(NamedTuple):
     """Command v [m/s], w [rad/s] of a cycle, and the memory after it."""
 
-    command: Command
+    command: Twist
     memory: Memory
 
 
@@ -167,7 +166,7 @@ class RerunPlanner:
         self._local.set_plan(asked.plan)
         return self._memory() != asked.memory
 
-    def followed(self, asked: Asked, command: Command) -> Memory:
+    def followed(self, asked: Asked, command: Twist) -> Memory:
         """Return the memory after a cycle in which the robot followed another command."""
         self._put_in_force(asked.settings)
         self._remember(asked.memory)
@@ -218,11 +217,11 @@ class RerunPlanner:
         return Ahead(np.array(poses)[:, :2], self._map().lethal_points)
 
     # -- state of the MoveBase, which each question sets anew --------------------------------------
-    def _command(self, asked: Asked) -> Command:
+    def _command(self, asked: Asked) -> Twist:
         self._put_in_force(asked.settings)
         self._show(asked.map)
         self._take(asked)
-        command: Command
+        command: Twist
         _, command = self._local.compute_velocity(asked.pose, asked.twist, self._costmap)
         return command
 

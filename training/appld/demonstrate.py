@@ -13,7 +13,7 @@ import numpy as np
 
 import sim_bridge
 import worlds
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.scan import LaserScan
@@ -21,7 +21,6 @@ from applr_ros1.drives import simulate
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import REACHED, Drive
 from applr_ros1.drives.judge import Rules
-from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.robots.geometry import radius
 from applr_ros1.stack.simulated import SimulatedRobot

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Sequence
 
 import numpy as np
 
+from applr_ros1.common.angles import Twist
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
@@ -67,9 +68,7 @@ class Fit:
     instants: int
 
 
-def step(
-    planner: MoveBase, demonstration: Demonstration, robot: Robot, i: int
-) -> Tuple[float, float]:
+def step(planner: MoveBase, demonstration: Demonstration, robot: Robot, i: int) -> Twist:
     """Return the planner's command (v, w) [m/s, rad/s] at instant i, or (0, 0) if it has none.
 
     The planner gets the pose, twist and scan of the demonstration, and the time of clock().

@@ -8,11 +8,11 @@ true pose and the map. demonstrate.py records its drives.
 from __future__ import annotations
 
 import math
-from typing import Any, List, Tuple
+from typing import Any, List
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, normalize_angle, outside_box, transform_point
+from applr_ros1.common.angles import Pose, Twist, normalize_angle, outside_box, transform_point
 from applr_ros1.common.paths import distances, points_at, travelled
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD
@@ -70,7 +70,7 @@ class Demonstrator:
         self._v = 0.0
         self._w = 0.0
 
-    def command(self, pose: Pose, ranges: np.ndarray) -> Tuple[float, float]:
+    def command(self, pose: Pose, ranges: np.ndarray) -> Twist:
         """Return (v, w) [m/s, rad/s] for a true pose in the world's frame and a scan (beams,) [m].
 
         Pure pursuit: the robot drives along the arc through the target, a point of the route at the
@@ -129,7 +129,7 @@ class Demonstrator:
         distance_beside = lateral[is_beside].min(initial=0.5 * OPEN_M)
         return float(min(distance_ahead, 2.0 * distance_beside))
 
-    def _smooth(self, v: float, w: float) -> Tuple[float, float]:
+    def _smooth(self, v: float, w: float) -> Twist:
         """Return the command after a control cycle towards (v, w), as fast as the limits allow."""
         self._v += _clamped(v - self._v, -self.slow_down, self.speed_up)
         self._w += _clamped(w - self._w, -self.turn_change, self.turn_change)

@@ -20,7 +20,7 @@ import time
 from contextlib import suppress
 
 import rospy
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist as TwistMessage
 
 from applr_ros1.common.ros_node import init_node, until_shutdown
 
@@ -64,7 +64,7 @@ def main() -> int:
             arguments.append(argument)
     init_node(node_name + GUARD_SUFFIX, argv=arguments)
     with until_shutdown():
-        return _watch(rospy.Publisher("cmd_vel", Twist, queue_size=1, latch=True))
+        return _watch(rospy.Publisher("cmd_vel", TwistMessage, queue_size=1, latch=True))
     return 0
 
 
@@ -73,7 +73,8 @@ def _watch(commands: rospy.Publisher) -> int:
 
     commands: publisher of commands to the base.
     """
-    commands.publish(Twist())  # The base may still follow the last command of a killed monitor.
+    # The base may still follow the last command of a killed monitor.
+    commands.publish(TwistMessage())
     reading, writing = os.pipe()
     program = [sys.executable, "-m", "applr_ros1.nodes.monitor.node", *sys.argv[1:]]
     environment = {**os.environ, PIPE_VARIABLE: str(writing)}
@@ -91,7 +92,7 @@ def _watch(commands: rospy.Publisher) -> int:
                 time.sleep(ZEROS_S)
         silence = time.monotonic() - last_beat
         if silence > SILENCE_S:
-            commands.publish(Twist())
+            commands.publish(TwistMessage())
         if silence > FROZEN_S:
             rospy.logerr("collision monitor: no heartbeat for %g s; the node is killed", FROZEN_S)
             node.kill()
@@ -115,5 +116,5 @@ def publish_zeros(commands: rospy.Publisher, count: int) -> None:
     A single zero might be lost because exiting closes connections.
     """
     for _ in range(count):
-        commands.publish(Twist())
+        commands.publish(TwistMessage())
         time.sleep(ZEROS_S)

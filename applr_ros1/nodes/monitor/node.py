@@ -23,9 +23,10 @@ from typing import Any, Dict, List, Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist as TwistMessage
 from std_msgs.msg import Bool, String
 
+from applr_ros1.common.angles import Twist
 from applr_ros1.common.errors import ApplrError, run_script, shown
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.lasers import LET_GO_S
@@ -38,7 +39,6 @@ from applr_ros1.monitor.monitor import (
     Verdict,
     warm_up,
 )
-from applr_ros1.monitor.motion import Twist as Velocity
 from applr_ros1.monitor.settings import OF_ROBOT, MonitorSettings
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
@@ -106,7 +106,9 @@ class CollisionMonitorNode:
         self._scan_topic = robot.topics.scan
         self._more_scans = more_scans
         self.sensors = Sensors.of_lasers(robot, prefix, prefix + robot.frames.odom, more_scans)
-        self._commands = rospy.Publisher(robot.topics.cmd_vel, Twist, queue_size=1, latch=True)
+        self._commands = rospy.Publisher(
+            robot.topics.cmd_vel, TwistMessage, queue_size=1, latch=True
+        )
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
@@ -115,7 +117,9 @@ class CollisionMonitorNode:
         # kernels have been compiled, which may take a minute.
         self._commands.publish(conversions.twist(0.0, 0.0))
         warm_up(settings)
-        rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber(
+            "cmd_vel_in", TwistMessage, self._take_command, queue_size=1, tcp_nodelay=True
+        )
 
     def spin(self) -> None:
         """Run until shutdown.
@@ -200,7 +204,7 @@ class CollisionMonitorNode:
             return False
         return abs(v) < STANDS_M_S and abs(w) < STANDS_RAD_S
 
-    def _braked(self) -> Velocity:
+    def _braked(self) -> Twist:
         """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
         # Without time, the monitor's ramp would not end.
         if self._stalled:
@@ -216,7 +220,7 @@ class CollisionMonitorNode:
             self._action.publish(action_text)
         self._verdict = verdict
 
-    def _take_command(self, message: Twist) -> None:
+    def _take_command(self, message: TwistMessage) -> None:
         """Judge a command of the planner at once, and send what may pass of it."""
         with self._lock, until_shutdown():
             if rospy.is_shutdown():
@@ -230,7 +234,7 @@ class CollisionMonitorNode:
             except Exception as problem:
                 self._fail(problem)
 
-    def _drive(self, command: Velocity, only_escapes: bool = False) -> bool:
+    def _drive(self, command: Twist, only_escapes: bool = False) -> bool:
         """Filter and publish the planner's command, or an escape motion in its place.
 
         Args:
@@ -257,7 +261,7 @@ class CollisionMonitorNode:
         self._report_verdict(verdict)
         return True
 
-    def _escape(self, command: Velocity) -> Optional[Velocity]:
+    def _escape(self, command: Twist) -> Optional[Twist]:
         """Return the escape motion (v, w) that replaces a command, or None.
 
         The first motion is logged.
@@ -283,7 +287,7 @@ class CollisionMonitorNode:
         reason = f"the monitor failed: {problem!r}; please report it"
         self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 
-    def _judge(self, command: Velocity, creeps: bool) -> Verdict:
+    def _judge(self, command: Twist, creeps: bool) -> Verdict:
         """Return the monitor's verdict on a command, a stop if an input is missing.
 
         creeps: whether the monitor may slow the command to a creep instead of blocking it.

@@ -23,7 +23,8 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Polygon, PoseStamped, Twist
+from geometry_msgs.msg import Polygon, PoseStamped
+from geometry_msgs.msg import Twist as TwistMessage
 from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseFeedback, RecoveryStatus
 from nav_msgs.msg import OccupancyGrid, Path
@@ -102,7 +103,7 @@ class MoveBaseNode:
         self._refusals: Dict[str, int] = {}
         self._max_speed = parameters["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(parameters["applr"]["period"])
-        self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._command = rospy.Publisher("cmd_vel", TwistMessage, queue_size=1)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)

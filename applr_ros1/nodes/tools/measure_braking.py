@@ -13,7 +13,7 @@ import time
 from typing import Callable, List, NamedTuple
 
 import rospy
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
 
 from applr_ros1.common.angles import normalize_angle
@@ -158,9 +158,9 @@ class Base:
     def __init__(self, command: str, odometry: str, free: float):
         self.free = free
         self.readings: List[Reading] = []
-        self._commands = rospy.Publisher(command, Twist, queue_size=1)
+        self._commands = rospy.Publisher(command, TwistMessage, queue_size=1)
         rospy.Subscriber(odometry, Odometry, self._take, queue_size=50, tcp_nodelay=True)
-        rospy.on_shutdown(lambda: self._commands.publish(Twist()))
+        rospy.on_shutdown(lambda: self._commands.publish(TwistMessage()))
         deadline = time.monotonic() + START_S
         while not (self.readings and self._commands.get_num_connections()):
             if time.monotonic() > deadline:
@@ -194,7 +194,7 @@ class Base:
             pose = self.readings[-1].pose
             distance = math.dist(pose[:2], self.start[:2])
             if rospy.is_shutdown() or distance > self.free:
-                self._commands.publish(Twist())
+                self._commands.publish(TwistMessage())
                 problem = f"stopped: the robot is {distance:.2f} m from its start"
                 raise ApplrError(f"{problem}; only {self.free:g} m are free")
             turn_rate = w

@@ -10,9 +10,9 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, inverse
+from applr_ros1.common.angles import Pose, Twist, inverse
 from applr_ros1.planner.dwa.planner import DWAPlanner
-from applr_ros1.planner.local_planner import Command, LocalPlanner
+from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.planner.sampling_planner import (
     CycleChoice,
@@ -296,7 +296,7 @@ class DWALocalPlanner(LocalPlanner):
         twist: Sequence[float],
         costmap: Any,
         local_origin: Optional[Pose] = None,
-    ) -> Tuple[bool, Command]:
+    ) -> Tuple[bool, Twist]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
         As in C++, the goal is tested before any command.

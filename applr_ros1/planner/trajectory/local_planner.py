@@ -11,9 +11,9 @@ from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.local_planner import Command, LocalPlanner
+from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.sampling_planner import (
     CycleChoice,
@@ -128,7 +128,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         twist: Sequence[float],
         costmap: Costmap,
         local_origin: Optional[Pose] = None,
-    ) -> Tuple[bool, Command]:
+    ) -> Tuple[bool, Twist]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
         goal_reached holds until the next plan or reconfigure, so read it at once. In C++, a new
@@ -180,7 +180,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
     def _stop_or_turn(
         self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap
-    ) -> Tuple[bool, Command]:
+    ) -> Tuple[bool, Twist]:
         """Return (ok, (v, w)) that stops the robot, then turns it to the goal's yaw."""
         # Once the robot turns, it does not stand, and must not be stopped again.
         is_standing = max(abs(component) for component in velocity) <= STOPPED_VELOCITY

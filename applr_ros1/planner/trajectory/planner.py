@@ -11,6 +11,7 @@ from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Twist
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
@@ -128,7 +129,7 @@ class TrajectoryPlanner(SamplingPlanner):
         return np.array(samples), costs, cost_parts
 
     def _costs(
-        self, costmap: Costmap, samples: Sequence[Tuple[float, float]], weights: Sequence[str]
+        self, costmap: Costmap, samples: Sequence[Twist], weights: Sequence[str]
     ) -> np.ndarray:
         """Return the costs (m,) of samples (v, w) if only the named weights are not 0."""
         scene = self._scene_of(costmap)
