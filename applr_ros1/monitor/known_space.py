@@ -17,7 +17,7 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.rays import Rays, beam_at, covers_full_turn, end_point, rays_of
+from applr_ros1.monitor.rays import ScanRays, beam_at, covers_full_turn, end_point, rays_of
 
 CAPACITY_POINTS = 16384  # largest number of remembered points; the oldest points are dropped first
 SPACING_M = 0.015  # smallest distance between stored points of neighbouring beams [m]
@@ -114,7 +114,7 @@ def _update(
     points: Array,
     count: int,
     forgotten: Array,
-    rays: Rays,
+    rays: ScanRays,
     radius: float,
     oldest_stamp: float,
     stamp: float,
@@ -148,7 +148,7 @@ def _update(
 
 @kernel
 def _drop_outdated(
-    points: Array, count: int, forgotten: Array, rays: Rays, radius: float, oldest_stamp: float
+    points: Array, count: int, forgotten: Array, rays: ScanRays, radius: float, oldest_stamp: float
 ) -> Tuple[int, int]:
     """Remove points that the scan replaces, that are too old, or that are too far from the laser.
 
@@ -177,7 +177,7 @@ def _drop_outdated(
 
 
 @kernel
-def _add_hits(points: Array, count: int, rays: Rays, radius: float, stamp: float) -> int:
+def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: float) -> int:
     """Append the hits of a scan that are SPACING_M apart, and return the number of points."""
     last_x = np.inf
     last_y = np.inf
@@ -202,7 +202,7 @@ def _add_hits(points: Array, count: int, rays: Rays, radius: float, stamp: float
 
 
 @kernel
-def _is_measured(x: float, y: float, rays: Rays) -> bool:
+def _is_measured(x: float, y: float, rays: ScanRays) -> bool:
     """Return whether a scan replaces a point.
 
     That is so if a beam ends at the point, or if three neighbouring beams pass it. False if the
@@ -325,7 +325,7 @@ def _follow(cells: np.ndarray, corner: np.ndarray, x: float, y: float) -> None:
 
 
 @kernel
-def _observe(cells: np.ndarray, corner: np.ndarray, rays: Rays, shown: float) -> None:
+def _observe(cells: np.ndarray, corner: np.ndarray, rays: ScanRays, shown: float) -> None:
     """Mark the cells up to `shown` [m] from the laser that a beam observes.
 
     A beam observes the centre of a cell before, or just behind, the beam's end.

@@ -18,7 +18,7 @@ ESTABLISHED_SCANS = 50
 LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let go [s]
 
 
-class Laser:
+class WatchedLaser:
     """State of one laser: obstacle memory, tracker, fault check, and its latest scan.
 
     Attributes:
@@ -78,15 +78,15 @@ class Lasers:
 
     def __init__(self, settings: MonitorSettings, topics: Iterable[str]):
         self._settings = settings
-        self._lasers: List[Laser] = []
+        self._lasers: List[WatchedLaser] = []
         for topic in topics:
-            self._lasers.append(Laser(settings, topic))
+            self._lasers.append(WatchedLaser(settings, topic))
 
-    def __iter__(self) -> Iterator[Laser]:
+    def __iter__(self) -> Iterator[WatchedLaser]:
         return iter(self._lasers)
 
     @property
-    def first(self) -> Laser:
+    def first(self) -> WatchedLaser:
         """The robot's first laser, which corrects the pose."""
         return self._lasers[0]
 
@@ -98,20 +98,20 @@ class Lasers:
             if is_further and laser.count < ESTABLISHED_SCANS:
                 self._lasers.remove(laser)
 
-    def of(self, scan: LaserScan, topic: str) -> Laser:
+    def of(self, scan: LaserScan, topic: str) -> WatchedLaser:
         """Return the laser of a scan. An unknown topic or frame adds a laser."""
         of_topic = self._of_topic(topic)
         for laser in of_topic:
             if laser.frame in (None, scan.frame):
                 laser.frame = scan.frame
                 return laser
-        laser = Laser(self._settings, topic, scan.frame)
+        laser = WatchedLaser(self._settings, topic, scan.frame)
         if of_topic:
             laser.words += f" of frame {scan.frame}"
         self._lasers.append(laser)
         return laser
 
-    def let_go(self, laser: Laser) -> List[Laser]:
+    def let_go(self, laser: WatchedLaser) -> List[WatchedLaser]:
         """Remove and return the strays on a laser's topic, after its latest scan.
 
         A stray has sent fewer than ESTABLISHED_SCANS scans, and none for LET_GO_S.
@@ -137,5 +137,5 @@ class Lasers:
             self._lasers.remove(stray)
         return strays
 
-    def _of_topic(self, topic: str) -> List[Laser]:
+    def _of_topic(self, topic: str) -> List[WatchedLaser]:
         return [laser for laser in self._lasers if laser.topic == topic]

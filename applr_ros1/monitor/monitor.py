@@ -16,7 +16,7 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
-from applr_ros1.monitor.lasers import Laser, Lasers
+from applr_ros1.monitor.lasers import Lasers, WatchedLaser
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
@@ -32,12 +32,12 @@ from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import (
     LAST_SPEED_M_S,
-    Body,
+    BaseMotion,
+    BodyOutline,
     Braking,
     Delay,
-    Motion,
     SafeScale,
-    Seen,
+    SeenCells,
 )
 from applr_ros1.robots import JACKAL
 
@@ -119,7 +119,7 @@ class Ages(NamedTuple):
     twist: float
 
 
-class Output(NamedTuple):
+class MonitorOutput(NamedTuple):
     """Command that was given to the base: time [s], v [m/s] and w [rad/s]."""
 
     time: float
@@ -157,7 +157,7 @@ class CollisionMonitor:
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
         planes = stopping.half_planes(outline)
-        self._body = Body(planes, stopping.edge_points(outline), self.settings.margin)
+        self._body = BodyOutline(planes, stopping.edge_points(outline), self.settings.margin)
         self._braking = Braking(
             self.settings.deceleration,
             self.settings.yaw_deceleration,
@@ -184,7 +184,7 @@ class CollisionMonitor:
     def reset(self) -> None:
         """Discard all scans, obstacles and observed space. Call it when time or odometry jumps."""
         self._lasers.clear()
-        self.strays: List[Laser] = []
+        self.strays: List[WatchedLaser] = []
         self.seen.clear()
         self.matcher.clear()
         self.motion.clear()
@@ -195,7 +195,7 @@ class CollisionMonitor:
         self._last_command: Optional[float] = None  # time of the last command [s]
         # Intervals between the last commands [s].
         self._intervals: Deque[float] = deque(maxlen=INTERVALS_KEPT)
-        self.output = Output(time=-math.inf, v=0.0, w=0.0)
+        self.output = MonitorOutput(time=-math.inf, v=0.0, w=0.0)
 
     @property
     def silence(self) -> float:  # noqa: D102
@@ -248,7 +248,7 @@ class CollisionMonitor:
         self.seen.update(scan)
         return laser.fault
 
-    def _let_go(self, laser: Laser) -> None:
+    def _let_go(self, laser: WatchedLaser) -> None:
         """Let go of strays on a laser's topic. Space that they alone may have seen is unknown."""
         first_laser = self._lasers.first
         self.strays = self._lasers.let_go(laser)
@@ -338,7 +338,7 @@ class CollisionMonitor:
             oldest_stamp = min(oldest_stamp, laser.stamp)
         return time - oldest_stamp
 
-    def motions(self, twist: Twist) -> List[Motion]:
+    def motions(self, twist: Twist) -> List[BaseMotion]:
         """Return the motion from the odometry, and that from the poses.
 
         Wheels show a change of speed at once. Poses show it later, but also when the body slides.
@@ -347,8 +347,8 @@ class CollisionMonitor:
         slip = self._lateral_slip()
         v, w = twist
         return [
-            Motion(v, w, slip, self.output.w),
-            Motion(pose_velocity.v, pose_velocity.w, slip, self.output.w),
+            BaseMotion(v, w, slip, self.output.w),
+            BaseMotion(pose_velocity.v, pose_velocity.w, slip, self.output.w),
         ]
 
     def _lateral_slip(self) -> float:
@@ -399,7 +399,7 @@ class CollisionMonitor:
                 if measured_w is not None:
                     w = self._clamp_turn(w, measured_w)
         self._is_braking = v != command[0]
-        self.output = Output(time, v, w)
+        self.output = MonitorOutput(time, v, w)
         return v, w
 
     def _grips(self, measured_w: float, command: Twist) -> bool:
@@ -449,7 +449,7 @@ class CollisionMonitor:
         return np.concatenate(discs) if discs else NO_DISCS
 
     def _judge(
-        self, pose: Pose, motions: List[Motion], discs: Discs, command: Twist, creeps: bool
+        self, pose: Pose, motions: List[BaseMotion], discs: Discs, command: Twist, creeps: bool
     ) -> Verdict:
         """Return the Verdict on a command, which must be safe for each of the possible motions."""
         self.seen.stand(self._body.planes, self._radius, pose)
@@ -466,7 +466,7 @@ class CollisionMonitor:
         command = stoppable_scale * v, stoppable_scale * w
         points = self._points_in_reach(pose, motions, command, delay)
         corner_i, corner_j = self.seen.corner.tolist()
-        seen = Seen(self.seen.cells, corner_i, corner_j, *pose)
+        seen = SeenCells(self.seen.cells, corner_i, corner_j, *pose)
         scene = points, self._body, np.array(motions), command, delay, self._braking
         safe_limit = stopping.safe_scale(*scene, seen, discs)
 
@@ -533,7 +533,7 @@ class CollisionMonitor:
         return min(1.0, self.settings.creep_speed / max(abs(v), self._radius * abs(w)))
 
     def _points_in_reach(
-        self, pose: Pose, motions: List[Motion], command: Twist, delay: Delay
+        self, pose: Pose, motions: List[BaseMotion], command: Twist, delay: Delay
     ) -> Array:
         """Return the obstacle points (n, 2) [m] that the body can reach until it stops.
 

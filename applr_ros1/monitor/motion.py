@@ -14,8 +14,8 @@ SPAN_S = 0.25  # time baseline of a velocity estimate [s]
 SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
 
 
-class Velocity(NamedTuple):
-    """Velocity of a base in its own frame: v and leftward in m/s, turn rate w in rad/s."""
+class PoseVelocity(NamedTuple):
+    """Velocity that poses show, in the base's frame: v, leftward [m/s], turn rate w [rad/s]."""
 
     v: float = 0.0
     w: float = 0.0
@@ -29,7 +29,7 @@ class PoseMotion:
         span: Time baseline of the estimate [s].
 
     Attributes:
-        velocity: the Velocity; zeros until enough poses arrived.
+        velocity: the PoseVelocity; zeros until enough poses arrived.
         baseline: Time between the poses of which it was estimated [s]; 0 if nothing is known.
         slide: forward speed of the poses less that of the odometry in the same time [m/s].
     """
@@ -43,7 +43,7 @@ class PoseMotion:
         # Stamp [s], pose, and distance driven ahead by the odometry [m]
         self._poses: Deque[Tuple[float, Pose, float]] = deque()
         self._latest_v = 0.0  # speed of the odometry with the latest pose [m/s]
-        self.velocity = Velocity()
+        self.velocity = PoseVelocity()
         self.baseline = 0.0
         self.slide = 0.0
 
@@ -83,5 +83,5 @@ class PoseMotion:
         sin_half = math.sin(0.5 * turn_angle)
         forward = cos_half * x + sin_half * y
         leftward = cos_half * y - sin_half * x
-        self.velocity = Velocity(forward / baseline, turn_angle / baseline, leftward / baseline)
+        self.velocity = PoseVelocity(forward / baseline, turn_angle / baseline, leftward / baseline)
         self.slide = (forward - (driven - first_driven)) / baseline

@@ -48,7 +48,7 @@ class OdometryCheck:
     def clear(self) -> None:
         """Forget all messages."""
         self._motion = PoseMotion(SPAN_S)
-        self._comparisons = (_Comparison(SPEED), _Comparison(TURN_RATE))
+        self._comparisons = (_QuantityComparison(SPEED), _QuantityComparison(TURN_RATE))
 
     def take(self, stamp: float, pose: Pose, twist: Twist) -> str:
         """Compare a message with those before it, and return `problem`.
@@ -78,7 +78,7 @@ class OdometryCheck:
         return any(comparison.unfilled == TWIST for comparison in self._comparisons)
 
 
-class _Comparison:
+class _QuantityComparison:
     """Comparison of one quantity.
 
     Args:

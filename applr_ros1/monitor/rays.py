@@ -14,7 +14,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 
 
-class Rays(NamedTuple):
+class ScanRays(NamedTuple):
     """Ranges of a scan, geometry of its beams, and pose of its laser.
 
     ranges: (n,) float32 [m]. angle_min, increment: bearing of the first beam in the laser's frame,
@@ -32,10 +32,10 @@ class Rays(NamedTuple):
     yaw: float
 
 
-def rays_of(scan: LaserScan) -> Rays:
-    """Return the Rays of a scan."""
+def rays_of(scan: LaserScan) -> ScanRays:
+    """Return the ScanRays of a scan."""
     # A kernel is compiled for each combination of argument types, so all numbers become floats.
-    return Rays(
+    return ScanRays(
         np.ascontiguousarray(scan.ranges, dtype=np.float32),
         float(scan.angle_min),
         float(scan.angle_increment),
@@ -52,7 +52,7 @@ def covers_full_turn(count: int, increment: float) -> bool:
 
 
 @kernel
-def end_point(rays: Rays, beam: int) -> Tuple[float, float]:
+def end_point(rays: ScanRays, beam: int) -> Tuple[float, float]:
     """Return the end point x, y [m] of a beam, in the frame of the laser's pose."""
     bearing = rays.yaw + rays.angle_min + beam * rays.increment
     distance = rays.ranges[beam]

@@ -20,7 +20,7 @@ from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.rays import Rays, beam_at, end_point, rays_of
+from applr_ros1.monitor.rays import ScanRays, beam_at, end_point, rays_of
 
 REACH_M = 8.0  # longest range that is used for matching [m]
 STRIDE_BEAMS = 3  # spacing of the beams that are matched to an earlier scan [beams]
@@ -57,7 +57,7 @@ ELSEWHERE_SHARE = 0.15  # smallest share of a scan's points in free space of a s
 SEARCH_STEPS = 3  # number of steps of the search for a beam, before its bearing is computed
 
 
-class Fit(NamedTuple):
+class ScanMatch(NamedTuple):
     """Best match of points to an earlier scan.
 
     pose: of the laser. matches: number of matched points. weight: sum of their weights.
@@ -92,7 +92,7 @@ class ScanMatcher:
         # matched against, and poses of all references.
         self._lines_of: Optional[np.ndarray] = None
         self._lines = np.empty((0, 6))
-        self._poses_up_to: Optional[Rays] = None
+        self._poses_up_to: Optional[ScanRays] = None
         self._poses = np.empty((0, 3))
         self.clear()
 
@@ -104,8 +104,8 @@ class ScanMatcher:
         self.correction: Pose = (0.0, 0.0, 0.0)
         self.lost = False
         # Scans have corrected poses, and NaN for the ranges that are not used for matching.
-        self._references: List[Rays] = []  # reference scans, oldest first
-        self._last: Optional[Rays] = None  # last scan
+        self._references: List[ScanRays] = []  # reference scans, oldest first
+        self._last: Optional[ScanRays] = None  # last scan
         self._last_stamp = 0.0  # its stamp [s]
         self._last_ranges = np.empty(0, np.float32)  # its ranges as measured
         # Forward and leftward speed [m/s] and turn rate [rad/s] of the last motion.
@@ -160,12 +160,12 @@ class ScanMatcher:
         self._last_ranges = measured_ranges
         return matched_pose is not None
 
-    def _is_apart(self, reference: Rays, newest: Rays) -> bool:
+    def _is_apart(self, reference: ScanRays, newest: ScanRays) -> bool:
         """Return whether a scan is far enough from the nearest reference to become one."""
         distance, angle = _difference(_pose_of(reference), _pose_of(newest))
         return distance > APART_M or angle > APART_RAD
 
-    def _speed_to(self, newest: Rays, stamp: float) -> Pose:
+    def _speed_to(self, newest: ScanRays, stamp: float) -> Pose:
         """Return the mean speed since the last scan; zeros if it is unknown.
 
         Components are forward and leftward [m/s], and the turn rate [rad/s].
@@ -176,7 +176,7 @@ class ScanMatcher:
         forward, leftward, turn = compose(inverse(_pose_of(self._last)), _pose_of(newest))
         return forward / interval, leftward / interval, turn / interval
 
-    def _is_elsewhere(self, measured: np.ndarray, newest: Rays) -> bool:
+    def _is_elsewhere(self, measured: np.ndarray, newest: ScanRays) -> bool:
         """Return whether the scans show different places.
 
         Many points of each then lie in free space of the other.
@@ -208,7 +208,7 @@ class ScanMatcher:
             return [pose, extrapolated_pose]
         return [pose]
 
-    def _align(self, earlier: Rays, newest: Rays, guesses: List[Pose]) -> Optional[Pose]:
+    def _align(self, earlier: ScanRays, newest: ScanRays, guesses: List[Pose]) -> Optional[Pose]:
         """Return the pose at which a scan fits an earlier one, or None if no match is valid."""
         if self._lines_of is not earlier.ranges:
             self._lines_of = earlier.ranges
@@ -217,7 +217,7 @@ class ScanMatcher:
         best_pose: Optional[Pose] = None
         best_rank = (False, -math.inf)
         for number, guess in enumerate(guesses):
-            fit = _match(
+            match = _match(
                 self._lines,
                 earlier.angle_min,
                 earlier.increment,
@@ -230,10 +230,10 @@ class ScanMatcher:
             handicap = 0.0
             if number > 0:
                 handicap = BETTER_WEIGHT
-            mean_weight = fit.weight / max(fit.matches, 1)
-            rank = (_is_valid(fit, guess), mean_weight - handicap)
+            mean_weight = match.weight / max(match.matches, 1)
+            rank = (_is_valid(match, guess), mean_weight - handicap)
             if rank > best_rank:
-                best_pose = fit.pose
+                best_pose = match.pose
                 best_rank = rank
         is_valid, _ = best_rank
         return best_pose if is_valid else None
@@ -250,11 +250,11 @@ class ScanMatcher:
         return index
 
 
-def _pose_of(rays: Rays) -> Pose:
+def _pose_of(rays: ScanRays) -> Pose:
     return rays.x, rays.y, rays.yaw
 
 
-def _at(rays: Rays, pose: Pose) -> Rays:
+def _at(rays: ScanRays, pose: Pose) -> ScanRays:
     """Return the rays at another pose of the laser."""
     x, y, yaw = pose
     return rays._replace(x=x, y=y, yaw=yaw)
@@ -269,12 +269,12 @@ def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
     return distance, abs(angle)
 
 
-def _is_valid(fit: Fit, guess: Pose) -> bool:
+def _is_valid(match: ScanMatch, guess: Pose) -> bool:
     """Return whether a match has enough fitting points, and a plausible pose."""
-    distance, angle = _difference(fit.pose, guess)
+    distance, angle = _difference(match.pose, guess)
     return (
-        fit.matches >= ENOUGH_POINTS
-        and fit.weight >= FITTING_WEIGHT * fit.matches
+        match.matches >= ENOUGH_POINTS
+        and match.weight >= FITTING_WEIGHT * match.matches
         and distance <= LARGEST_SHIFT_M
         and angle <= LARGEST_TURN_RAD
     )
@@ -326,7 +326,7 @@ def _match(
     earlier_pose: Pose,
     points: Array,
     guess: Pose,
-) -> Fit:
+) -> ScanMatch:
     """Return the pose at which points best fit an earlier scan.
 
     Each iteration solves the normal equations A (dx, dy, dyaw) = b of the weighted point-to-line
@@ -428,11 +428,11 @@ def _match(
             break
     pose_x = frame_x + cos_frame * x - sin_frame * y
     pose_y = frame_y + sin_frame * x + cos_frame * y
-    return Fit((pose_x, pose_y, frame_yaw + yaw), matches, weight_sum)
+    return ScanMatch((pose_x, pose_y, frame_yaw + yaw), matches, weight_sum)
 
 
 @kernel
-def _seen_through(old: Rays, new: Rays) -> View:
+def _seen_through(old: ScanRays, new: ScanRays) -> View:
     """Return how many points of `old` are in view of `new`, and how many are free there."""
     in_view = 0
     seen_through = 0

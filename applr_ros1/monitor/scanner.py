@@ -14,7 +14,7 @@ from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CAPACITY_POINTS
-from applr_ros1.monitor.rays import Rays, beam_at, covers_full_turn, end_point, rays_of
+from applr_ros1.monitor.rays import ScanRays, beam_at, covers_full_turn, end_point, rays_of
 
 FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
 # Largest coordinate [m] and angle [rad] of a sensor's or robot's pose, far beyond any drive's.
@@ -67,7 +67,7 @@ class ScannerCheck:
 
     def clear(self) -> None:
         """Forget all scans, for instance after the odometry was reset."""
-        self._last: Optional[Rays] = None  # last scan with hits
+        self._last: Optional[ScanRays] = None  # last scan with hits
         self._doubted = np.zeros(0, bool)  # mask of the beams of failed sectors
         self._has_doubts = False  # whether there is a failed sector
         self._forget_image()
@@ -125,7 +125,7 @@ class ScannerCheck:
         self._image_pose = (0.0, 0.0, 0.0)  # pose of the laser in the first of them
         self.repeats = False
 
-    def _expected(self, rays: Rays) -> Tuple[np.ndarray, int]:
+    def _expected(self, rays: ScanRays) -> Tuple[np.ndarray, int]:
         """Return which beams (n,) point to hits of the last scan, and the number of the hits."""
         mask = np.zeros(len(rays.ranges), np.bool_)
         if self._last is None:
@@ -208,7 +208,7 @@ def _count_ranges(
 
 
 @kernel
-def _mark_expected(old: Rays, new: Rays, mask: np.ndarray) -> int:
+def _mark_expected(old: ScanRays, new: ScanRays, mask: np.ndarray) -> int:
     """Mark the beams of a new scan that point to hits of an old scan within its range.
 
     Args:

@@ -39,8 +39,8 @@ HALVINGS = 5  # number of bisections in the search for the largest safe scale
 BEYOND_M = 1.5 * CELL_M
 
 
-class Body(NamedTuple):
-    """Body of the robot.
+class BodyOutline(NamedTuple):
+    """Outline of the robot's body, for contacts and for unobserved space.
 
     planes: (k, 3) half_planes() of its outline. edge: (n, 2) edge_points() of its outline [m].
     margin: distance by which the outline is widened where it must not touch obstacle points [m].
@@ -65,8 +65,8 @@ class Braking(NamedTuple):
     turn_ahead: float = 0.0
 
 
-class Motion(NamedTuple):
-    """State of the base when a command arrives.
+class BaseMotion(NamedTuple):
+    """Motion of the base when a command arrives.
 
     v, w: velocity [m/s, rad/s]. slip: lateral slip to the left [m/s]. commanded_w: turn rate of the
     previous command [rad/s].
@@ -89,8 +89,8 @@ class Delay(NamedTuple):
     reaction: float
 
 
-class Seen(NamedTuple):
-    """Observed space around the robot.
+class SeenCells(NamedTuple):
+    """Observed cells around the robot, with its pose among them.
 
     cells: as in SeenSpace; without cells, all space counts as observed. corner_i, corner_j: corner
     of SeenSpace. x, y, yaw: pose of the robot in the frame of the cells [m, m, rad].
@@ -104,7 +104,8 @@ class Seen(NamedTuple):
     yaw: float
 
 
-EVERYTHING = Seen(np.empty((0, 0), np.uint8), 0, 0, 0.0, 0.0, 0.0)  # value if all space is known
+# Value if all space is known
+EVERYTHING = SeenCells(np.empty((0, 0), np.uint8), 0, 0, 0.0, 0.0, 0.0)
 
 
 class SafeScale(NamedTuple):
@@ -141,12 +142,12 @@ class Check(NamedTuple):
     """
 
     obstacles: Obstacles
-    body: Body
-    motion: Motion
+    body: BodyOutline
+    motion: BaseMotion
     command: Twist
     delay: Delay
     braking: Braking
-    seen: Seen
+    seen: SeenCells
     discs: Discs
     keeps_clear: bool
 
@@ -185,12 +186,12 @@ def penetration(planes: Array, margin: float, x: float, y: float) -> float:
 @kernel
 def safe_scale(
     points: Array,
-    body: Body,
+    body: BodyOutline,
     motions: Array,
     command: Twist,
     delay: Delay,
     braking: Braking,
-    seen: Seen,
+    seen: SeenCells,
     discs: Discs,
 ) -> SafeScale:
     """Return the largest scale of a command after which the base can still stop without contact.
@@ -208,7 +209,7 @@ def safe_scale(
     obstacles = _obstacles(points, body)
     smallest = SafeScale(scale=1.0, can_stop=True)
     for number in range(motions.shape[0]):
-        motion = Motion(
+        motion = BaseMotion(
             motions[number, 0], motions[number, 1], motions[number, 2], motions[number, 3]
         )
         is_among_movers = discs.shape[0] > 0
@@ -245,7 +246,7 @@ def _safe_scale(check: Check) -> SafeScale:
 
 
 @kernel
-def _obstacles(points: Array, body: Body) -> Obstacles:
+def _obstacles(points: Array, body: BodyOutline) -> Obstacles:
     """Return the Obstacles of points (n, 2) [m].
 
     A point that is inside the body may not get deeper.
@@ -468,7 +469,7 @@ def _may_swing(
 
 
 @kernel
-def _is_seen(seen: Seen, edge: Array, place: Placement) -> bool:
+def _is_seen(seen: SeenCells, edge: Array, place: Placement) -> bool:
     """Return whether the body's whole edge lies in observed cells with the body at `place`."""
     side_cells = seen.cells.shape[0]
     if side_cells == 0:
@@ -498,7 +499,7 @@ def _is_seen(seen: Seen, edge: Array, place: Placement) -> bool:
 
 
 @kernel
-def _is_seen_beyond(seen: Seen, edge: Array, pose: Pose, v: float, w: float) -> bool:
+def _is_seen_beyond(seen: SeenCells, edge: Array, pose: Pose, v: float, w: float) -> bool:
     """Return whether the space BEYOND_M past the stopping pose is observed.
 
     True if the command is a stop. The robot is assumed to go on as commanded, v [m/s] and w

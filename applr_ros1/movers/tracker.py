@@ -146,7 +146,7 @@ class MoverTracker:
             scan_clusters,
             depth,
             fans,
-            tracks.Scans(self._free.ranges, self._free.fans),
+            tracks.EarlierScans(self._free.ranges, self._free.fans),
             interval,
             self._speed,
         )

@@ -94,7 +94,7 @@ LOST_S = 0.25  # time without a cluster after which a static track ends [s]
 GONE_SCANS = 2  # number of scans that see through a track after which it ends
 
 
-class Scans(NamedTuple):
+class EarlierScans(NamedTuple):
     """Earlier scans in FreeSpace: free depths (SCANS, n) [m], and FANs (SCANS,)."""
 
     ranges: Array32
@@ -213,7 +213,9 @@ def correct(track: Track, cluster: Cluster, fan: Fan, interval: float) -> None:
 
 
 @kernel
-def has_moved(points: Array, history: Array, earlier: Scans, depth: Array32, fan: Fan) -> bool:
+def has_moved(
+    points: Array, history: Array, earlier: EarlierScans, depth: Array32, fan: Fan
+) -> bool:
     """Return whether free space proves that a cluster has moved.
 
     An earlier scan then saw through its points, or the latest scan sees through their old
@@ -255,7 +257,7 @@ def follow(
     clusters: Clusters,
     depth: Array32,
     fans: Any,
-    earlier: Scans,
+    earlier: EarlierScans,
     interval: float,
     speed: float,
 ) -> Assignment:

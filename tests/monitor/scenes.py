@@ -11,7 +11,7 @@ from applr_ros1.monitor.moving import NO_DISCS
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import (
     EVERYTHING,
-    Body,
+    BodyOutline,
     Braking,
     Delay,
     edge_points,
@@ -35,7 +35,7 @@ LASER = 0.12  # distance of the laser ahead of the robot's centre [m]
 TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}
 
 # Body of the Jackal with its margin, and distances of its front and its side from the centre [m].
-BODY = Body(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
+BODY = BodyOutline(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
 FRONT = 0.229
 SIDE = 0.208
 
@@ -113,7 +113,7 @@ def safe_scale_of(
     seen=EVERYTHING,
     discs=NO_DISCS,
 ):
-    """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one Motion."""
+    """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one BaseMotion."""
     safe = safe_scale(
         np.array(points, dtype=float).reshape(-1, 2),
         body,

@@ -12,7 +12,7 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
-from applr_ros1.monitor.stopping import Braking, Motion
+from applr_ros1.monitor.stopping import BaseMotion, Braking
 from tests.monitor.scenes import (
     ANGLE,
     AT_REST,
@@ -129,7 +129,7 @@ def test_the_swept_area_of_a_turn_about_a_point_far_ahead_counts(y, action):
 
 def test_a_braking_base_may_leave_its_turn_outwards():
     """In a steady left turn, a post ahead is outside the path, and that of a faster turn."""
-    motion = Motion(1.0, 1.5, commanded_w=1.5)
+    motion = BaseMotion(1.0, 1.5, commanded_w=1.5)
     braking = Braking(1.9, 3.3, turn_gain=1.35, turn_ahead=0.13)
     command = (1.0, 1.5)
     # 10 cm decide: the nearer post is in the outer edge of the turn.
@@ -147,7 +147,7 @@ def free_gap(speed, side):
         rail = [(x, side * (SIDE + gap)) for x in np.arange(-0.3, 0.8, 0.01)]
         scale = safe_scale_of(
             rail,
-            Motion(speed, 0.0),
+            BaseMotion(speed, 0.0),
             (speed, 0.0),
             braking,
             reaction=0.1,
@@ -378,9 +378,9 @@ def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
     # 6 cm beside the body: more than the margin, less than it slips.
     post = [(0.5, side * (SIDE + 0.06))]
     command = (1.0, 0.0)
-    without_slip = Motion(1.0, 0.0)
-    towards_post = Motion(1.0, 0.0, slip=side * 0.6)
-    away_from_post = Motion(1.0, 0.0, slip=-side * 0.6)
+    without_slip = BaseMotion(1.0, 0.0)
+    towards_post = BaseMotion(1.0, 0.0, slip=side * 0.6)
+    away_from_post = BaseMotion(1.0, 0.0, slip=-side * 0.6)
     assert safe_scale_of(post, without_slip, command, BRAKING) == 1.0
     assert safe_scale_of(post, towards_post, command, BRAKING) < 1.0
     assert safe_scale_of(post, away_from_post, command, BRAKING) == 1.0
@@ -389,7 +389,7 @@ def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
 def test_turn_ahead_and_turn_gain_change_the_swept_area():
     """In a left turn about a point ahead the body moves right, out of its circumscribed circle."""
     post_behind = [(-0.2, -0.33)]
-    turning = Motion(0.0, 1.5)
+    turning = BaseMotion(0.0, 1.5)
     about_point_ahead = BRAKING._replace(turn_ahead=0.3)
     assert safe_scale_of(post_behind, turning, (0.0, 1.5), BRAKING) == 1.0
     assert safe_scale_of(post_behind, turning, (0.0, 1.5), about_point_ahead) < 1.0
@@ -401,7 +401,7 @@ def test_turn_ahead_and_turn_gain_change_the_swept_area():
     for braking in (as_commanded, faster_than_commanded):
         scale = safe_scale_of(
             post_at_the_corner,
-            Motion(0.0, 0.0),
+            BaseMotion(0.0, 0.0),
             (0.0, 1.0),
             braking,
             reaction=0.1,
@@ -440,7 +440,7 @@ def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
             # Within 12 mm of the edge, the step between two poses decides.
             is_on_edge = touches(x, y - 0.012) != touches(x, y + 0.012)
             if not is_on_edge:
-                scale = safe_scale_of([(x, y)], Motion(0.0, w), (0.0, w), braking)
+                scale = safe_scale_of([(x, y)], BaseMotion(0.0, w), (0.0, w), braking)
                 assert (scale == 1.0) != touches(x, y), (x, y)
 
 

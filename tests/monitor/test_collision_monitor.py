@@ -14,11 +14,11 @@ from applr_ros1.monitor.monitor import (
     SLOW,
     STOP,
     CollisionMonitor,
-    Output,
+    MonitorOutput,
     Verdict,
 )
 from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
-from applr_ros1.monitor.stopping import Motion, penetration
+from applr_ros1.monitor.stopping import BaseMotion, penetration
 from tests.monitor.scenes import (
     AT_REST,
     BEAMS,
@@ -79,7 +79,7 @@ def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
     # 2 m/s^2 take 0.2 m/s off in a tenth of a second, and 0.1 m/s in half of it.
     settings = replace(SETTINGS, deceleration=2.0, memory_radius=8.0)
     monitor = seen_all_around([(sign * post_x, 0.0)], settings)
-    monitor.output = Output(0.0, 2.0 * sign, 0.0)
+    monitor.output = MonitorOutput(0.0, 2.0 * sign, 0.0)
     speeds = []
     for time, asked_v in zip((0.1, 0.2, 0.25), asked):
         command = (sign * asked_v, 0.0)
@@ -91,7 +91,7 @@ def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_base_slower_than_commanded_is_braked_from_its_measured_speed(sign):
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=2.0))
-    monitor.output = Output(0.25, 1.5 * sign, 0.0)
+    monitor.output = MonitorOutput(0.25, 1.5 * sign, 0.0)
     v, _ = monitor.braked(0.35, 1.0 * sign)
     assert v == pytest.approx(0.8 * sign)
     # It rolls back already: a command ahead would drive it on. Nor does it gain speed again.
@@ -113,7 +113,7 @@ def test_a_stop_follows_the_arc(sign, asked, w):
     A requested turn keeps its turn rate.
     """
     monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, deceleration=2.0))
-    monitor.output = Output(0.0, 2.0 * sign, 1.0)
+    monitor.output = MonitorOutput(0.0, 2.0 * sign, 1.0)
     verdict = monitor.filter(0.1, HERE, (2.0 * sign, 1.0), asked)
     assert verdict.command == pytest.approx((1.8 * sign, w))
 
@@ -131,11 +131,11 @@ def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
 
     Until the base responds, it may still drive its old arc.
     """
-    assert 0.0 < safe_scale_of([post], Motion(*twist), command) < 1.0
+    assert 0.0 < safe_scale_of([post], BaseMotion(*twist), command) < 1.0
     turning = (1.0, 2.5)
-    assert safe_scale_of([post], Motion(*turning), turning) < 1.0, "it may leave the turn"
+    assert safe_scale_of([post], BaseMotion(*turning), turning) < 1.0, "it may leave the turn"
     if post[1] > 0.0:
-        assert safe_scale_of([post], Motion(1.0, 0.0), STRAIGHT_ON) == 1.0
+        assert safe_scale_of([post], BaseMotion(1.0, 0.0), STRAIGHT_ON) == 1.0
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
@@ -453,7 +453,7 @@ def test_odometry_of_more_than_twice_the_fastest_command_is_impossible(factor, i
 def test_the_scale_is_the_largest_safe_one():
     """For random points and commands, a slightly larger scale is not safe."""
     rng = np.random.default_rng(5)
-    motion = Motion(0.0, 0.0)
+    motion = BaseMotion(0.0, 0.0)
     scales = []
     for _ in range(60):
         # Given: points around the robot, and a command

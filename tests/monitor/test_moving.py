@@ -27,7 +27,13 @@ from applr_ros1.monitor.moving import (
     without_movers,
 )
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import Motion, Placement, braking_time, edge_points, half_planes
+from applr_ros1.monitor.stopping import (
+    BaseMotion,
+    Placement,
+    braking_time,
+    edge_points,
+    half_planes,
+)
 from applr_ros1.movers.tracker import Movers
 from sim_bridge.lidar import Lidar
 from tests.monitor.scenes import BODY, FRONT, SIDE, safe_scale_of
@@ -260,7 +266,7 @@ def smallest_free(v, **more):
 
     def is_free(gap):
         discs = disc(FRONT + BODY.margin + RADIUS + gap, 0.0, **more)
-        return safe_scale_of([], Motion(v, 0.0), (v, 0.0), discs=discs) == 1.0
+        return safe_scale_of([], BaseMotion(v, 0.0), (v, 0.0), discs=discs) == 1.0
 
     return smallest_passing(0.0, 6.0, is_free)
 
@@ -297,8 +303,8 @@ def test_what_drives_away_faster_than_the_base_is_followed():
 def test_a_base_that_gains_speed_late_must_be_free_too():
     """At 2 m/s it is past the crossing disc in time, at 0.5 m/s it is not."""
     crosses = disc(0.3, 1.5, vy=-1.6)
-    fast = safe_scale_of([], Motion(2.0, 0.0), (2.0, 0.0), discs=crosses)
-    slow = safe_scale_of([], Motion(0.5, 0.0), (2.0, 0.0), discs=crosses)
+    fast = safe_scale_of([], BaseMotion(2.0, 0.0), (2.0, 0.0), discs=crosses)
+    slow = safe_scale_of([], BaseMotion(0.5, 0.0), (2.0, 0.0), discs=crosses)
     assert fast == 1.0
     assert slow < 1.0
 
@@ -306,7 +312,7 @@ def test_a_base_that_gains_speed_late_must_be_free_too():
 def test_a_base_does_not_come_to_rest_in_the_way_of_what_crosses_later():
     """It would stand there half a second before the disc comes."""
     in_way = disc(0.6, 1.6, vy=-1.0)
-    stands = Motion(0.0, 0.0)
+    stands = BaseMotion(0.0, 0.0)
     assert safe_scale_of([], stands, (0.7, 0.0), discs=in_way) < 1.0
     # In the way already, it drives on: to stay would not help.
     met_anyway = disc(0.0, 1.4, vy=-1.0)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from applr_ros1.monitor.known_space import CELL_M
-from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Output
-from applr_ros1.monitor.motion import Velocity
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, MonitorOutput
+from applr_ros1.monitor.motion import PoseVelocity
 from applr_ros1.monitor.rays import beam_at
 from applr_ros1.monitor.stopping import (
+    BaseMotion,
     Braking,
-    Motion,
     Placement,
-    Seen,
+    SeenCells,
     _is_deeper,
     _is_seen,
     _obstacles,
@@ -84,7 +84,7 @@ def test_the_stopping_distance(measured, commanded, age, expected, side):
         x = side * (FRONT + MARGIN + distance)
         # Three points across the way: the body's front is straight.
         points = [(x, y) for y in (-0.2, 0.0, 0.2)]
-        motion = Motion(side * measured, 0.0)
+        motion = BaseMotion(side * measured, 0.0)
         command = (side * commanded, 0.0)
         return safe_scale_of(points, motion, command, pose_age=age) == 1.0
 
@@ -107,7 +107,7 @@ def test_the_last_part_of_braking_is_gentle(deceleration, braking):
     def passes(distance):
         scale = safe_scale_of(
             [(FRONT + MARGIN + distance, 0.0)],
-            Motion(0.3, 0.0),
+            BaseMotion(0.3, 0.0),
             (0.3, 0.0),
             Braking(deceleration, 3.3),
             reaction=0.1,
@@ -136,7 +136,7 @@ def test_the_stopping_angle(gain):
         angle = direction + turn
         scale = safe_scale_of(
             [(radius * math.cos(angle), radius * math.sin(angle))],
-            Motion(0.0, command_w),
+            BaseMotion(0.0, command_w),
             (0.0, command_w),
             Braking(1.9, 4.0, turn_gain=gain),
         )
@@ -152,7 +152,7 @@ def test_lateral_slip_ends_with_the_forward_motion(side):
 
     def passes(distance):
         points = [(0.3, side * (SIDE + MARGIN + distance))]
-        motion = Motion(1.0, 0.0, slip=side * 0.6)
+        motion = BaseMotion(1.0, 0.0, slip=side * 0.6)
         return safe_scale_of(points, motion, STRAIGHT_ON, BRAKING) == 1.0
 
     expected = 0.6 * (0.15 + braking_distance(1.0, 1.9))
@@ -162,7 +162,7 @@ def test_lateral_slip_ends_with_the_forward_motion(side):
 def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
     """The base slides to the left, away from a post, and turns to the right."""
     post = [(0.5, -0.3)]
-    motion = Motion(1.0, 0.0, slip=0.6)
+    motion = BaseMotion(1.0, 0.0, slip=0.6)
     command = (1.0, -0.5)
     twice_as_fast = BRAKING._replace(turn_gain=2.0)
     assert safe_scale_of(post, motion, command, BRAKING) == 1.0
@@ -170,7 +170,7 @@ def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
 
 
 def moving(velocity, **changes):
-    """Return a monitor in an empty room whose poses imply a Velocity."""
+    """Return a monitor in an empty room whose poses imply a PoseVelocity."""
     monitor = seen_all_around(wall(9.0), replace(SETTINGS, **changes))
     monitor.motion.take = lambda stamp, pose, v: None
     monitor.motion.velocity = velocity
@@ -179,7 +179,7 @@ def moving(velocity, **changes):
 
 def test_lateral_slip_excludes_the_turn_of_the_poses():
     """The turn is about a point .13 m ahead. The twist's turn rate, which is newer, is not used."""
-    monitor = moving(Velocity(1.0, 1.0, 0.2), turn_ahead=0.13)
+    monitor = moving(PoseVelocity(1.0, 1.0, 0.2), turn_ahead=0.13)
     by_wheels, by_poses = monitor.motions((1.0, 1.3))
     assert by_wheels == (1.0, 1.3, pytest.approx(0.33), 0.0)
     assert by_poses == (1.0, 1.0, pytest.approx(0.33), 0.0)
@@ -188,8 +188,8 @@ def test_lateral_slip_excludes_the_turn_of_the_poses():
 @pytest.mark.parametrize("reported", [0.2, -0.1])
 def test_slipping_wheels_are_braked_from_the_speed_of_the_poses(reported):
     """1 m/s was commanded a tenth of a second ago; the wheels nearly stand or turn backwards."""
-    monitor = moving(Velocity(-1.0, 0.0, 0.0))
-    monitor.output = Output(-0.1, -1.0, 0.0)
+    monitor = moving(PoseVelocity(-1.0, 0.0, 0.0))
+    monitor.output = MonitorOutput(-0.1, -1.0, 0.0)
     v, _ = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0)).command
     # A tenth of a second of braking with 1.9 m/s^2
     assert v == pytest.approx(-1.0 + 1.9 * 0.1)
@@ -214,7 +214,7 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
     It must now slow down. What its previous command was matters for some posts and not for others.
     """
     monitor = CollisionMonitor(SETTINGS)
-    monitor.output = Output(0.0, 1.0, 2.0)
+    monitor.output = MonitorOutput(0.0, 1.0, 2.0)
     motion, _ = monitor.motions(STRAIGHT_ON)
     assert motion.commanded_w == 2.0
     turned_less = motion._replace(commanded_w=1.0)
@@ -366,7 +366,7 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
             is_in_window = 0 <= cell_x - corner_x < side and 0 <= cell_y - corner_y < side
             is_known = bool(cells[cell_x % side, cell_y % side])
             expected = expected and is_in_window and is_known
-        seen = Seen(cells, corner_x, corner_y, robot_x, robot_y, robot_yaw)
+        seen = SeenCells(cells, corner_x, corner_y, robot_x, robot_y, robot_yaw)
         assert _is_seen(seen, BODY.edge, place) == expected
         outcomes.add(expected)
     assert outcomes == {True, False}

@@ -90,7 +90,7 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, has_
     fans = np.zeros(SCANS, FAN)
     fans["stamp"] = -np.inf  # no scan
     fans[0] = record(FAN, **SCAN)
-    earlier = tracks.Scans(ranges, fans)
+    earlier = tracks.EarlierScans(ranges, fans)
     history = np.full((SCANS, POINTS, 2), np.nan)
 
     # When the earlier scan sees through
