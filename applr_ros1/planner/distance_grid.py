@@ -20,7 +20,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN, world_to_map
 
 
-class Grid(NamedTuple):
+class DistanceGrid(NamedTuple):
     """Distance grid of a map."""
 
     distance: Data  # flat int32, (ny + 2) rows of (nx + 2) cells, plus the extra cell
@@ -30,18 +30,18 @@ class Grid(NamedTuple):
     ny: int
 
 
-def allocate(nx: int, ny: int) -> Grid:
+def allocate(nx: int, ny: int) -> DistanceGrid:
     """Return a grid for a map of nx by ny cells. A planner reuses it in every cycle."""
     distance = np.full((nx + 2) * (ny + 2) + 1, nx * ny, np.int32)
     distance[-1] = nx * ny + 1
     # The queue has room for every cell of the map and for start cells that are walls.
     queue = np.zeros(nx * ny + 8, np.uint32)
     ends = np.zeros(2, np.int64)
-    return Grid(distance, queue, ends, nx, ny)
+    return DistanceGrid(distance, queue, ends, nx, ny)
 
 
 @kernel
-def reset(grid: Grid, cells: Data) -> None:
+def reset(grid: DistanceGrid, cells: Data) -> None:
     """Reset the grid: cells (ny, nx) of cost 253 and above become walls, all others unseen.
 
     The queue is emptied.
@@ -60,13 +60,13 @@ def reset(grid: Grid, cells: Data) -> None:
 
 
 @kernel
-def place(grid: Grid, x: int, y: int) -> int:
+def place(grid: DistanceGrid, x: int, y: int) -> int:
     """Return the index of the map's cell (x, y) in the grid."""
     return (y + 1) * (grid.nx + 2) + x + 1
 
 
 @kernel
-def start_at(grid: Grid, cell: int) -> None:
+def start_at(grid: DistanceGrid, cell: int) -> None:
     """Start the flood at a cell, which may be a wall."""
     grid.distance[cell] = 0
     grid.queue[grid.ends[1]] = cell
@@ -74,7 +74,7 @@ def start_at(grid: Grid, cell: int) -> None:
 
 
 @kernel
-def start_at_plan(grid: Grid, scene: Any, plan: Data, whole: bool) -> Tuple[int, int]:
+def start_at_plan(grid: DistanceGrid, scene: Any, plan: Data, whole: bool) -> Tuple[int, int]:
     """Start the flood at the plan (n, 2) [m], resampled to the map's resolution.
 
     The usable plan begins at the first point on a known cell of the map and ends before the next
@@ -123,7 +123,7 @@ def start_at_plan(grid: Grid, scene: Any, plan: Data, whole: bool) -> Tuple[int,
 
 
 @kernel
-def settle(grid: Grid, cell: int, limit: int) -> int:
+def settle(grid: DistanceGrid, cell: int, limit: int) -> int:
     """Flood until `cell` is final and return its value.
 
     The flood is 4-connected, one step per cell, and never enters walls. map_grid.cpp:222.
@@ -170,7 +170,7 @@ def settle(grid: Grid, cell: int, limit: int) -> int:
 
 
 @kernel
-def at_least(grid: Grid, cell: int, limit: int) -> int:
+def at_least(grid: DistanceGrid, cell: int, limit: int) -> int:
     """Return the value of `cell` (N for a wall), or limit + 1 if it is further than `limit`."""
     cell_value = settle(grid, cell, limit)
     # An unseen cell of a complete flood keeps its N + 1.
@@ -180,7 +180,7 @@ def at_least(grid: Grid, cell: int, limit: int) -> int:
 
 
 @kernel
-def final_distance(grid: Grid, cell: int) -> int:
+def final_distance(grid: DistanceGrid, cell: int) -> int:
     """Return the value of `cell` in C++.
 
     It is the distance, N for a wall touched by the flood, or N + 1 if the flood never reaches it.
@@ -198,7 +198,7 @@ def final_distance(grid: Grid, cell: int) -> int:
 
 
 @kernel
-def complete(grid: Grid) -> Data:
+def complete(grid: DistanceGrid) -> Data:
     """Flood the whole map and return the grid (ny, nx) int32 as C++ stores it.
 
     Walls that the flood touched are N. Cells and walls that it never reached are N + 1.

@@ -24,7 +24,7 @@ from applr_ros1.planner.parameters.layers import PREDICTED
 Sensed = Union[Observation, Mapping[str, Observation]]
 
 
-class _Listener(NamedTuple):
+class _ListeningBuffer(NamedTuple):
     """Observation buffer of an obstacle layer that listens to a topic."""
 
     buffer: ObservationBuffer
@@ -52,7 +52,7 @@ class ObservationRouter:
     def __init__(self, local_costmap: Costmap, global_costmap: Costmap, timeout: float):
         self._local_costmap = local_costmap
         self._timeout = timeout
-        self._listeners: Dict[str, List[_Listener]] = {}
+        self._listeners: Dict[str, List[_ListeningBuffer]] = {}
         self.data_types: Dict[str, str] = {}
         self.ray_origins: Dict[str, str] = {}
         self._stamps: Dict[str, float] = {}  # by topic: stamp of the latest observation [s]
@@ -60,9 +60,9 @@ class ObservationRouter:
         for costmap in (local_costmap, global_costmap):
             for layer in costmap.obstacle_layers:
                 for buffer in layer.buffers:
-                    self._add(_Listener(buffer, costmap is global_costmap))
+                    self._add(_ListeningBuffer(buffer, costmap is global_costmap))
 
-    def _add(self, listener: _Listener) -> None:
+    def _add(self, listener: _ListeningBuffer) -> None:
         source = listener.buffer.source
         self._listeners.setdefault(source.topic, []).append(listener)
         self.data_types.setdefault(source.topic, source.data_type)

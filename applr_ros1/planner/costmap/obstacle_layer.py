@@ -35,7 +35,7 @@ from applr_ros1.planner.costmap.grid import (
 BORDER = 0.001  # [m]
 
 
-class Rays(NamedTuple):
+class CloudRays(NamedTuple):
     """Rays of one cloud, with the limits for marking and clearing."""
 
     points: Data  # (n, 3) float32 [m]
@@ -176,7 +176,7 @@ class ObstacleLayer:
         if len(cloud.points) > len(self._hits):
             self._hits = np.empty(len(cloud.points), np.int64)
         sensor_x, sensor_y, sensor_z = cloud.origin
-        rays = Rays(
+        rays = CloudRays(
             cloud.points,
             sensor_x,
             sensor_y,
@@ -265,7 +265,7 @@ def _observe(
     cells: Data,
     origin: Data,
     resolution: float,
-    rays: Rays,
+    rays: CloudRays,
     clearing: bool,
     marking: bool,
     bounds: Data,
@@ -294,7 +294,7 @@ def _observe(
 
 
 @kernel
-def _mark_points(cells: Data, rays: Rays, bounds: Data) -> None:
+def _mark_points(cells: Data, rays: CloudRays, bounds: Data) -> None:
     """Mark the cells of all points that are near enough and of the right height."""
     flat_cells = cells.reshape(-1)
     points = rays.points
@@ -332,7 +332,7 @@ def _mark_points(cells: Data, rays: Rays, bounds: Data) -> None:
 
 @kernel(error_model="numpy")
 def _clear_rays(
-    cells: Data, origin_x: float, origin_y: float, resolution: float, rays: Rays, bounds: Data
+    cells: Data, origin_x: float, origin_y: float, resolution: float, rays: CloudRays, bounds: Data
 ) -> None:
     """Clear the cells along all rays, up to raytrace_range. obstacle_layer.cpp:497."""
     flat_cells = cells.reshape(-1)

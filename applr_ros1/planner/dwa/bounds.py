@@ -18,7 +18,15 @@ from applr_ros1.planner.dwa import samples
 from applr_ros1.planner.dwa.critics import lower_bound
 from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
 from applr_ros1.planner.dwa.critics.oscillation import is_barred
-from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH, Grids, Scene, Scratch, grid_of
+from applr_ros1.planner.dwa.records import (
+    FRONT,
+    GOAL,
+    PATH,
+    DWAGrids,
+    DWAScene,
+    DWAScratch,
+    grid_of,
+)
 from applr_ros1.planner.dwa.samples import SampleCounts, commanded, ground_speed
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.sampling_planner import (
@@ -53,7 +61,7 @@ class Cells(NamedTuple):
     nose_y: int
 
 
-class Limits(NamedTuple):
+class DWAFloodLimits(NamedTuple):
     """Distances [cells] up to which grids are flooded for the bounds, -1 if no sample is legal."""
 
     path: int
@@ -62,7 +70,7 @@ class Limits(NamedTuple):
 
 
 UNCERTAIN = Cells(AT_BORDER, AT_BORDER, AT_BORDER, AT_BORDER)
-NO_SAMPLE = Limits(-1, -1, -1)
+NO_SAMPLE = DWAFloodLimits(-1, -1, -1)
 
 
 @kernel
@@ -129,7 +137,9 @@ def sure_end_cells(
 
 
 @kernel
-def exact_end_cells(p: Record, scene: Scene, start: Record, sample: Velocity, steps: int) -> Cells:
+def exact_end_cells(
+    p: Record, scene: DWAScene, start: Record, sample: Velocity, steps: int
+) -> Cells:
     """Return the last point's cell and its nose's, each (-1, -1) if off the map.
 
     The trajectory is computed step by step as in samples.roll_out.
@@ -155,7 +165,7 @@ def exact_end_cells(p: Record, scene: Scene, start: Record, sample: Velocity, st
 
 
 @kernel(inline="always")
-def _cell(scene: Scene, x: float, y: float) -> Tuple[int, int]:
+def _cell(scene: DWAScene, x: float, y: float) -> Tuple[int, int]:
     """Return the cell of the point x, y [m], (-1, -1) if off the map."""
     rows, columns = scene.cells.shape
     return world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
@@ -165,9 +175,9 @@ def _cell(scene: Scene, x: float, y: float) -> Tuple[int, int]:
 def fill_bounds(
     p: Record,
     state: Record,
-    grids: Grids,
-    scratch: Scratch,
-    scene: Scene,
+    grids: DWAGrids,
+    scratch: DWAScratch,
+    scene: DWAScene,
     axis_counts: SampleCounts,
     heading: Heading,
     scaled_footprint: Data,
@@ -326,8 +336,8 @@ def fill_bounds(
 
 @kernel
 def _limits_from_here(
-    p: Record, grids: Grids, scene: Scene, start: Record, heading: Heading
-) -> Limits:
+    p: Record, grids: DWAGrids, scene: DWAScene, start: Record, heading: Heading
+) -> DWAFloodLimits:
     """Return the distances [cells] up to which the grids are flooded for the bounds.
 
     They lie little beyond the robot's range, because cells behind walls might require a flood of
@@ -370,13 +380,13 @@ def _limits_from_here(
         front_distance = min(
             at_least(grid_of(grids, FRONT), start_index, goal_distance + reach), cell_count
         )
-    return Limits(path_distance + reach, goal_distance + reach, front_distance + reach)
+    return DWAFloodLimits(path_distance + reach, goal_distance + reach, front_distance + reach)
 
 
 @kernel(error_model="numpy")
 def probe_sample(
     p: Record,
-    scene: Scene,
+    scene: DWAScene,
     scaled_footprint: Data,
     start: Record,
     heading: Heading,

@@ -183,7 +183,7 @@ NO_COSTS = np.zeros((0, 7), np.float32)
 NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
 
 
-class Step(NamedTuple):
+class DWAStep(NamedTuple):
     """Outcome of one cycle."""
 
     ok: bool
@@ -328,8 +328,8 @@ class DWALocalPlanner(LocalPlanner):
 
     def command(
         self, pose: Triple, velocity: Triple, costmap: Any, local_origin: Optional[Triple] = None
-    ) -> Step:
-        """Return the Step of one cycle: the search's choice, or a command to stop or turn.
+    ) -> DWAStep:
+        """Return the DWAStep of one cycle: the search's choice, or a command to stop or turn.
 
         pose: x, y [m], yaw [rad]. velocity: measured vx, vy [m/s], w [rad/s]. local_origin: see
         LocalPlanner.
@@ -340,7 +340,7 @@ class DWALocalPlanner(LocalPlanner):
         cropped_plan = self.stored_plan.cut(x, y, half_size(costmap), prunes, local_origin)
         goal_pose = self.stored_plan.goal(local_origin)
         if goal_pose is None or len(cropped_plan) == 0:
-            return Step(False, STANDING, NO_PLAN, cropped_plan)
+            return DWAStep(False, STANDING, NO_PLAN, cropped_plan)
 
         if not self.stop_rotate.is_position_reached(pose, goal_pose):
             choice = self.planner.find_best_path(costmap, cropped_plan, pose, velocity)
@@ -349,18 +349,20 @@ class DWALocalPlanner(LocalPlanner):
             if is_legal:
                 self.cropped_plan = cropped_plan
                 self._choice = choice
-            return Step(is_legal, choice.drive, DRIVING, cropped_plan, choice.cost, choice.count)
+            return DWAStep(is_legal, choice.drive, DRIVING, cropped_plan, choice.cost, choice.count)
 
         # At the goal's position there is no search. The command is checked on the last search's
         # grids.
         self.planner.prepare(costmap, cropped_plan, pose, velocity)
         phase, goal_command = self.stop_rotate.command(_wrapped(pose), velocity, goal_pose)
         if phase == TURNED:
-            return Step(True, STANDING, phase, cropped_plan)
+            return DWAStep(True, STANDING, phase, cropped_plan)
         cost, point_count = self.planner.check(goal_command)
         is_legal = cost >= 0
         command = goal_command if is_legal else STANDING
-        return Step(is_legal, command, phase, cropped_plan, cost, point_count, checked=goal_command)
+        return DWAStep(
+            is_legal, command, phase, cropped_plan, cost, point_count, checked=goal_command
+        )
 
 
 def _wrapped(pose: Triple) -> Triple:

@@ -19,7 +19,7 @@ from applr_ros1.planner.dwa.records import (
     PARAMETERS,
     PATH,
     STATE,
-    Scene,
+    DWAScene,
     allocate_grids,
     allocate_scratch,
     grid_of,
@@ -276,7 +276,7 @@ class DWAPlanner(SamplingPlanner):
             footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(-1, 2)
             self._footprint = footprint
             self._lines = line_offsets(footprint, self._resolution, nx)
-        self._scene = Scene(
+        self._scene = DWAScene(
             cells=costmap.cells,
             ox=float(costmap.origin[0]),
             oy=float(costmap.origin[1]),

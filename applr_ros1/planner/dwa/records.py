@@ -7,7 +7,7 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
-from applr_ros1.planner.distance_grid import Grid
+from applr_ros1.planner.distance_grid import DistanceGrid
 from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
 from applr_ros1.planner.parameters.parameter import RESTORE
 from applr_ros1.planner.sampling_planner import START, record
@@ -42,7 +42,7 @@ FACTS = record("", "flooded alignment_row")
 KNOWN = np.dtype([(name, np.int32) for name in ("front", "alignment", "path", "goal", "obstacle")])
 
 
-class Scene(NamedTuple):
+class DWAScene(NamedTuple):
     """Surroundings of the robot in one cycle."""
 
     cells: Data  # costmap (ny, nx) uint8
@@ -58,8 +58,8 @@ class Scene(NamedTuple):
 PATH, GOAL, FRONT, ALIGNMENT = range(4)  # rows of the grids
 
 
-class Grids(NamedTuple):
-    """Four distance grids (distance_grid.Grid), one per row."""
+class DWAGrids(NamedTuple):
+    """Four distance grids (DistanceGrid), one per row."""
 
     distances: Data  # (4, size)
     queues: Data  # (4, size)
@@ -69,7 +69,7 @@ class Grids(NamedTuple):
     facts: Data  # array of one FACTS record
 
 
-class Scratch(NamedTuple):
+class DWAScratch(NamedTuple):
     """Scratch memory of one cycle. Arrays over samples are indexed by the number of a sample."""
 
     sampled_vx: Data  # sampled values of vx [m/s]
@@ -82,10 +82,10 @@ class Scratch(NamedTuple):
     start: Data  # array of one START record: pose and velocity, rounded to float32
 
 
-def allocate_grids(nx: int, ny: int) -> Grids:
+def allocate_grids(nx: int, ny: int) -> DWAGrids:
     """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
     grid = distance_grid.allocate(nx, ny)
-    return Grids(
+    return DWAGrids(
         distances=np.tile(grid.distance, (4, 1)),
         queues=np.tile(grid.queue, (4, 1)),
         ends=np.tile(grid.ends, (4, 1)),
@@ -96,12 +96,14 @@ def allocate_grids(nx: int, ny: int) -> Grids:
 
 
 @kernel
-def grid_of(grids: Grids, row: int) -> Grid:
+def grid_of(grids: DWAGrids, row: int) -> DistanceGrid:
     """Return one of the four grids."""
-    return Grid(grids.distances[row], grids.queues[row], grids.ends[row], grids.nx, grids.ny)
+    return DistanceGrid(
+        grids.distances[row], grids.queues[row], grids.ends[row], grids.nx, grids.ny
+    )
 
 
-def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scratch:
+def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> DWAScratch:
     """Return scratch memory for these numbers of samples.
 
     An axis has at least two values and maybe an extra zero.
@@ -110,7 +112,7 @@ def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scra
     sampled_vy = np.zeros(max(vy_samples, 2) + 1)
     sampled_w = np.zeros(max(vth_samples, 2) + 1)
     sample_count = len(sampled_vx) * len(sampled_vy) * len(sampled_w)
-    return Scratch(
+    return DWAScratch(
         sampled_vx=sampled_vx,
         sampled_vy=sampled_vy,
         sampled_w=sampled_w,

@@ -13,7 +13,7 @@ import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.records import Scratch
+from applr_ros1.planner.dwa.records import DWAScratch
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.sampling_planner import Record, Velocity, single
 
@@ -27,7 +27,7 @@ class SampleCounts(NamedTuple):
 
 
 @kernel(error_model="numpy")
-def sample_axes(p: Record, scratch: Scratch, plan: Data) -> SampleCounts:
+def sample_axes(p: Record, scratch: DWAScratch, plan: Data) -> SampleCounts:
     """Fill the sampled values of vx, vy and w, and return their numbers.
 
     plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits
@@ -59,7 +59,7 @@ def sample_axes(p: Record, scratch: Scratch, plan: Data) -> SampleCounts:
 
 
 @kernel(inline="always")
-def sample_of(scratch: Scratch, axis_counts: SampleCounts, number: int) -> Velocity:
+def sample_of(scratch: DWAScratch, axis_counts: SampleCounts, number: int) -> Velocity:
     """Return the sample with this number."""
     vx = scratch.sampled_vx[number // (axis_counts.w * axis_counts.vy)]
     vy = scratch.sampled_vy[number // axis_counts.w % axis_counts.vy]

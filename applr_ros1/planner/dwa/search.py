@@ -22,9 +22,9 @@ from applr_ros1.planner.dwa.records import (
     FRONT,
     GOAL,
     PATH,
-    Grids,
-    Scene,
-    Scratch,
+    DWAGrids,
+    DWAScene,
+    DWAScratch,
     grid_of,
 )
 from applr_ros1.planner.dwa.samples import (
@@ -49,7 +49,7 @@ from applr_ros1.planner.search.best_first import HUGE, SearchStep, first_step, n
 
 
 @kernel
-def prepare(params: Data, scratch: Scratch, plan: Data, pose: Triple, velocity: Triple) -> bool:
+def prepare(params: Data, scratch: DWAScratch, plan: Data, pose: Triple, velocity: Triple) -> bool:
     """Store pose and velocity, and return whether the nose-on-path critic is on.
 
     The critic is off near the plan's end, where the plan ahead is too short for the nose. params:
@@ -69,7 +69,9 @@ def prepare(params: Data, scratch: Scratch, plan: Data, pose: Triple, velocity: 
 
 
 @kernel
-def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligned: bool) -> None:
+def begin_floods(
+    p: Record, grids: DWAGrids, start: Record, scene: DWAScene, is_aligned: bool
+) -> None:
     """Reset the grids for the scene's costmap and start each flood.
 
     is_aligned: whether the nose-on-path critic is on.
@@ -109,7 +111,7 @@ def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligne
     start_at_plan(grid_of(grids, FRONT), scene, nose_plan, False)
 
 
-class Winner(NamedTuple):
+class DWAWinner(NamedTuple):
     """Result of a cycle's search. A negative cost means no valid command."""
 
     cost: float
@@ -125,12 +127,12 @@ class Winner(NamedTuple):
 def find_best(
     params: Data,
     state: Data,
-    grids: Grids,
-    scratch: Scratch,
-    scene: Scene,
+    grids: DWAGrids,
+    scratch: DWAScratch,
+    scene: DWAScene,
     pose: Triple,
     velocity: Triple,
-) -> Winner:
+) -> DWAWinner:
     """Run one cycle: preparation, floods, samples, winner, flags.
 
     params, state: arrays of one record. pose, velocity: x, y [m], theta [rad] and vx, vy [m/s],
@@ -144,14 +146,14 @@ def find_best(
     last_step = _search(p, state[0], grids, scratch, scene, axis_counts)
     if last_step.best_number < 0:
         standstill = Velocity(0.0, 0.0, 0.0)
-        return Winner(NOTHING_LEGAL, -1, 0, standstill, standstill, 0.0, is_aligned)
+        return DWAWinner(NOTHING_LEGAL, -1, 0, standstill, standstill, 0.0, is_aligned)
 
     sample = sample_of(scratch, axis_counts, last_step.best_number)
     steps = step_count(p, sample)
     stored_velocity = commanded(p, start, sample, steps)
     oscillation.remember(p, state[0], start, stored_velocity)
     command_w = through_quaternion(stored_velocity.w)
-    return Winner(
+    return DWAWinner(
         cost=last_step.best_cost,
         number=last_step.best_number,
         steps=steps,
@@ -166,9 +168,9 @@ def find_best(
 def _search(
     p: Record,
     state: Record,
-    grids: Grids,
-    scratch: Scratch,
-    scene: Scene,
+    grids: DWAGrids,
+    scratch: DWAScratch,
+    scene: DWAScene,
     axis_counts: SampleCounts,
 ) -> SearchStep:
     """Return the last step of the search for the first sample of lowest cost."""

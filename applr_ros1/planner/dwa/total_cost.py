@@ -12,7 +12,7 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.dwa import critics
 from applr_ros1.planner.dwa.critics import ALL
-from applr_ros1.planner.dwa.records import Grids, Scene, Scratch
+from applr_ros1.planner.dwa.records import DWAGrids, DWAScene, DWAScratch
 from applr_ros1.planner.dwa.samples import commanded, roll_out, sample_axes, sample_of, step_count
 from applr_ros1.planner.sampling_planner import Record, Velocity
 
@@ -24,8 +24,8 @@ REFUSED = -1.0  # cost of a sample rejected by the generator (samples.step_count
 def total_cost(
     p: Record,
     state: Record,
-    scene: Scene,
-    grids: Grids,
+    scene: DWAScene,
+    grids: DWAGrids,
     points: Data,
     velocity: Velocity,
     best_cost: float,
@@ -69,7 +69,7 @@ class Samples(NamedTuple):
 
 @kernel
 def score_all_samples(
-    params: Data, flags: Data, grids: Grids, scratch: Scratch, scene: Scene
+    params: Data, flags: Data, grids: DWAGrids, scratch: DWAScratch, scene: DWAScene
 ) -> Samples:
     """Score all samples of the last cycle.
 

@@ -24,7 +24,11 @@ from applr_ros1.planner.search.arcs import (
 )
 from applr_ros1.planner.search.best_first import HUGE, add, first_step, next_step
 from applr_ros1.planner.trajectory import scoring
-from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
+from applr_ros1.planner.trajectory.records import (
+    TrajectoryGrids,
+    TrajectoryScene,
+    TrajectoryScratch,
+)
 from applr_ros1.planner.trajectory.scoring import NO_CEILING, accelerated, step_count
 
 MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed forms err by 1e-10
@@ -139,9 +143,9 @@ def end_cell(
 @kernel(error_model="numpy")
 def best_forward(
     p: Record,
-    scene: Scene,
-    grids: Grids,
-    scratch: Scratch,
+    scene: TrajectoryScene,
+    grids: TrajectoryGrids,
+    scratch: TrajectoryScratch,
     start: Record,
     speeds: Data,
     turn_rates: Data,
@@ -192,9 +196,9 @@ def best_forward(
 @kernel(error_model="numpy")
 def _bound(
     p: Record,
-    scene: Scene,
-    grids: Grids,
-    scratch: Scratch,
+    scene: TrajectoryScene,
+    grids: TrajectoryGrids,
+    scratch: TrajectoryScratch,
     start: Record,
     speeds: Data,
     turn_rates: Data,
@@ -251,7 +255,7 @@ def _bound(
 
 @kernel(error_model="numpy")
 def _flood_limits(
-    p: Record, scene: Scene, grids: Grids, start: Record, speeds: Data
+    p: Record, scene: TrajectoryScene, grids: TrajectoryGrids, start: Record, speeds: Data
 ) -> FloodLimits:
     """Return the distances for what the robot can reach within sim_time."""
     rows, columns = scene.cells.shape
@@ -270,7 +274,7 @@ def _flood_limits(
 @kernel(error_model="numpy")
 def probe_sample(
     p: Record,
-    scene: Scene,
+    scene: TrajectoryScene,
     start: Record,
     heading: Heading,
     sample: Velocity,

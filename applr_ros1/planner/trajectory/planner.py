@@ -27,7 +27,7 @@ from applr_ros1.planner.sampling_planner import (
 from applr_ros1.planner.trajectory.records import (
     PARAMETERS,
     STATE,
-    Scene,
+    TrajectoryScene,
     allocate_grids,
     allocate_scratch,
 )
@@ -242,7 +242,7 @@ class TrajectoryPlanner(SamplingPlanner):
             "path or goal": int(refused[1]),
         }
 
-    def _scene_of(self, costmap: Costmap) -> Scene:
+    def _scene_of(self, costmap: Costmap) -> TrajectoryScene:
         """Return the scene of this costmap.
 
         Grids and tables are renewed only for a new size or resolution.
@@ -253,7 +253,7 @@ class TrajectoryPlanner(SamplingPlanner):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)
             self._lines = line_offsets(self._footprint, self._resolution, nx)
-        return Scene(
+        return TrajectoryScene(
             cells=costmap.cells,
             ox=float(costmap.origin[0]),
             oy=float(costmap.origin[1]),

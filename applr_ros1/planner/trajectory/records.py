@@ -6,7 +6,7 @@ import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.planner import distance_grid
-from applr_ros1.planner.distance_grid import Grid
+from applr_ros1.planner.distance_grid import DistanceGrid
 from applr_ros1.planner.sampling_planner import START, record
 
 # Parameters of the planner in one record [m, rad, s]. The two biases are already per cell
@@ -28,7 +28,7 @@ STATE = record(
 )
 
 
-class Scene(NamedTuple):
+class TrajectoryScene(NamedTuple):
     """Surroundings of the robot in one cycle."""
 
     cells: Data  # costmap (ny, nx) uint8
@@ -40,15 +40,15 @@ class Scene(NamedTuple):
     plan: Data  # points (k, 2) [m]
 
 
-class Grids(NamedTuple):
+class TrajectoryGrids(NamedTuple):
     """Grids of one cycle."""
 
-    path: Grid  # distances to the plan [cells]
-    goal: Grid  # distances to the local goal [cells]
+    path: DistanceGrid  # distances to the plan [cells]
+    goal: DistanceGrid  # distances to the local goal [cells]
     within: Data  # (ny, nx) uint8, 1 under the robot's filled footprint
 
 
-class Scratch(NamedTuple):
+class TrajectoryScratch(NamedTuple):
     """Scratch memory of one cycle. Forward samples are numbered, see scoring.forward_sample."""
 
     speeds: Data  # sampled values of vx (vx_samples,) [m/s]
@@ -60,19 +60,19 @@ class Scratch(NamedTuple):
     start: Data  # array of one START record: pose and velocity at which all samples start
 
 
-def allocate_grids(nx: int, ny: int) -> Grids:
+def allocate_grids(nx: int, ny: int) -> TrajectoryGrids:
     """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
-    return Grids(
+    return TrajectoryGrids(
         path=distance_grid.allocate(nx, ny),
         goal=distance_grid.allocate(nx, ny),
         within=np.zeros((ny, nx), np.uint8),
     )
 
 
-def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
+def allocate_scratch(vx_samples: int, vtheta_samples: int) -> TrajectoryScratch:
     """Return scratch memory for these numbers of samples."""
     sample_count = vx_samples * vtheta_samples
-    return Scratch(
+    return TrajectoryScratch(
         speeds=np.zeros(vx_samples),
         turn_rates=np.zeros(vtheta_samples),
         base_costs=np.zeros(sample_count),

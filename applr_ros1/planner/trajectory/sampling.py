@@ -40,7 +40,11 @@ from applr_ros1.planner.sampling_planner import (
 from applr_ros1.planner.search.best_first import HUGE
 from applr_ros1.planner.trajectory import scoring
 from applr_ros1.planner.trajectory.forward import BestSample, best_forward
-from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
+from applr_ros1.planner.trajectory.records import (
+    TrajectoryGrids,
+    TrajectoryScene,
+    TrajectoryScratch,
+)
 from applr_ros1.planner.trajectory.scoring import (
     COLLISION,
     NO_CEILING,
@@ -51,7 +55,9 @@ from applr_ros1.planner.trajectory.scoring import (
 
 
 @kernel
-def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple[int, int]:
+def prepare(
+    grids: TrajectoryGrids, scene: TrajectoryScene, x: float, y: float, yaw: float
+) -> Tuple[int, int]:
     """Reset both grids, start their floods, and return the local goal's cell (x, y).
 
     Walls under the robot's footprint are passable in the path grid but not in the goal grid. The
@@ -67,7 +73,9 @@ def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple
 
 
 @kernel
-def _open_under_robot(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> None:
+def _open_under_robot(
+    grids: TrajectoryGrids, scene: TrajectoryScene, x: float, y: float, yaw: float
+) -> None:
     """Mark the cells under the footprint (`within`) and make them passable in the path grid."""
     _, origin_x, origin_y, resolution, footprint, _, _ = scene
     rows, columns = grids.within.shape
@@ -98,8 +106,8 @@ def _farthest(footprint: Data) -> float:
 def best_in_place(
     p: Record,
     state: Record,
-    scene: Scene,
-    grids: Grids,
+    scene: TrajectoryScene,
+    grids: TrajectoryGrids,
     start: Record,
     turn_rates: Data,
     turn_rate_step: float,
@@ -183,7 +191,13 @@ def _end(p: Record, start: Record, w: float) -> Triple:
 
 @kernel
 def _distance_ahead(
-    p: Record, scene: Scene, grids: Grids, x: float, y: float, theta: float, limit: float
+    p: Record,
+    scene: TrajectoryScene,
+    grids: TrajectoryGrids,
+    x: float,
+    y: float,
+    theta: float,
+    limit: float,
 ) -> int:
     """Return the goal distance [cells] heading_lookahead ahead of a pose.
 
@@ -213,7 +227,7 @@ WIDEST_REACH = 40  # largest radius around the robot that is searched for costs 
 
 
 @kernel(error_model="numpy")
-def _surroundings(p: Record, scene: Scene, start: Record) -> int:
+def _surroundings(p: Record, scene: TrajectoryScene, start: Record) -> int:
     """Return the largest cost of the cells that a turn in place can touch.
 
     It is an upper bound of the cost of such a turn. The result is NO_CEILING, no bound, if one of
@@ -240,7 +254,7 @@ def _surroundings(p: Record, scene: Scene, start: Record) -> int:
     return int(highest_cost) if highest_cost < LETHAL else NO_CEILING
 
 
-class Winner(NamedTuple):
+class TrajectoryWinner(NamedTuple):
     """Result of a cycle. A negative cost means no valid command, which is then (0, 0)."""
 
     cost: float
@@ -255,12 +269,12 @@ class Winner(NamedTuple):
 def find_best_path(
     params: Data,
     state: Data,
-    grids: Grids,
-    scratch: Scratch,
-    scene: Scene,
+    grids: TrajectoryGrids,
+    scratch: TrajectoryScratch,
+    scene: TrajectoryScene,
     pose: Triple,
     velocity: Triple,
-) -> Winner:
+) -> TrajectoryWinner:
     """Run one cycle: floods, samples, winner, flags.
 
     params, state: arrays of one record. pose, velocity: x, y [m], theta [rad] and vx, vy [m/s],
@@ -305,14 +319,16 @@ def find_best_path(
     if cost == COLLISION:
         cost = 1.0
     if cost < 0:
-        return Winner(cost, best_sample.vx, best_sample.w, best_sample.point_count, 0.0, 0.0)
+        return TrajectoryWinner(
+            cost, best_sample.vx, best_sample.w, best_sample.point_count, 0.0, 0.0
+        )
     command_w = through_quaternion(best_sample.w)
-    return Winner(
+    return TrajectoryWinner(
         cost, best_sample.vx, best_sample.w, best_sample.point_count, best_sample.vx, command_w
     )
 
 
-class Window(NamedTuple):
+class VelocityWindow(NamedTuple):
     """Range of the sampled velocities."""
 
     min_vx: float  # [m/s]
@@ -322,7 +338,7 @@ class Window(NamedTuple):
 
 
 @kernel(error_model="numpy")
-def velocity_window(p: Record, plan: Data, start: Record) -> Window:
+def velocity_window(p: Record, plan: Data, start: Record) -> VelocityWindow:
     """Return the range of this cycle's samples. docs/explanation/planner.md, section 6.3.
 
     plan: points (k, 2) [m], may be empty. Its end is not passed within sim_time.
@@ -341,7 +357,7 @@ def velocity_window(p: Record, plan: Data, start: Record) -> Window:
     change = p.acc_lim_theta * period
     max_w = min(p.max_vel_theta, start.w + change)
     min_w = max(p.min_vel_theta, start.w - change)
-    return Window(min_vx, max_vx, min_w, max_w)
+    return VelocityWindow(min_vx, max_vx, min_w, max_w)
 
 
 @kernel
@@ -362,7 +378,7 @@ def fill_evenly(lowest: float, highest: float, values: Data) -> float:
 
 
 @kernel
-def first_pose(p: Record, scene: Scene, grids: Grids, start: Record) -> int:
+def first_pose(p: Record, scene: TrajectoryScene, grids: TrajectoryGrids, start: Record) -> int:
     """Return the cost under the robot at its current pose, the first point of every sample.
 
     The result is COLLISION or NO_PATH if that pose makes every sample illegal.

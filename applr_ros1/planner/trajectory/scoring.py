@@ -24,7 +24,11 @@ from applr_ros1.planner.sampling_planner import (
     heading_of,
 )
 from applr_ros1.planner.search.best_first import HUGE
-from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
+from applr_ros1.planner.trajectory.records import (
+    TrajectoryGrids,
+    TrajectoryScene,
+    TrajectoryScratch,
+)
 
 COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reached
@@ -98,7 +102,9 @@ def terms(p: Record, path_distance: float, goal_distance: float) -> float:
 
 
 @kernel
-def score(params: Data, scene: Scene, grids: Grids, start: Record, sample: Velocity) -> Score:
+def score(
+    params: Data, scene: TrajectoryScene, grids: TrajectoryGrids, start: Record, sample: Velocity
+) -> Score:
     """Return the score of one sample, see score_below. params: array of one record."""
     return score_below(params[0], scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
 
@@ -106,8 +112,8 @@ def score(params: Data, scene: Scene, grids: Grids, start: Record, sample: Veloc
 @kernel(error_model="numpy")
 def score_below(
     p: Record,
-    scene: Scene,
-    grids: Grids,
+    scene: TrajectoryScene,
+    grids: TrajectoryGrids,
     start: Record,
     sample: Velocity,
     ceiling: int,
@@ -224,7 +230,7 @@ def roll_out(p: Record, start: Record, sample: Velocity, points: Data) -> None:
 
 @kernel
 def _heading_difference(
-    scene: Scene, cell_x: int, cell_y: int, x: float, y: float, theta: float
+    scene: TrajectoryScene, cell_x: int, cell_y: int, x: float, y: float, theta: float
 ) -> float:
     """Return the angle [rad] from the heading to the farthest plan point in sight, or HUGE.
 
@@ -267,7 +273,7 @@ def forward_sample(speeds: Data, turn_rates: Data, speed_number: int, turn_numbe
 
 @kernel
 def score_all_samples(
-    params: Data, scene: Scene, grids: Grids, scratch: Scratch
+    params: Data, scene: TrajectoryScene, grids: TrajectoryGrids, scratch: TrajectoryScratch
 ) -> Tuple[Data, Data]:
     """Score all forward samples of the last cycle. The search itself rolls out far fewer.
 

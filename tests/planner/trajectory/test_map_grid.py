@@ -7,7 +7,7 @@ read before.
 import numpy as np
 
 from applr_ros1.planner import distance_grid
-from applr_ros1.planner.trajectory.records import Scene, allocate_grids
+from applr_ros1.planner.trajectory.records import TrajectoryScene, allocate_grids
 from applr_ros1.planner.trajectory.sampling import prepare
 from tests.support.seeds import seeds
 
@@ -35,7 +35,7 @@ def prepared(cells, plan):
 
 def scene(cells, plan):
     """Return the scene of a search with a plan (n, 2)."""
-    return Scene(
+    return TrajectoryScene(
         cells=cells,
         ox=0.0,
         oy=0.0,

@@ -154,7 +154,7 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
     """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
     x = y = 0.025  # the centre of cell (0, 0)
     theta = 0.7
-    scene = scoring.Scene(
+    scene = scoring.TrajectoryScene(
         cells=np.zeros((40, 40), np.uint8),
         ox=0.0,
         oy=0.0,

@@ -20,7 +20,7 @@ from applr_ros1.planner.dwa.critics import (
     twirling,
 )
 from applr_ros1.planner.dwa.critics.critic import Row
-from applr_ros1.planner.dwa.records import Grids, Scene
+from applr_ros1.planner.dwa.records import DWAGrids, DWAScene
 from applr_ros1.planner.dwa.samples import ground_speed
 from applr_ros1.planner.sampling_planner import Record, Velocity
 
@@ -60,8 +60,8 @@ def weights(p: Record) -> Critics:
 def value(
     p: Record,
     state: Record,
-    scene: Scene,
-    grids: Grids,
+    scene: DWAScene,
+    grids: DWAGrids,
     points: Data,
     velocity: Velocity,
     critic: int,

@@ -7,13 +7,18 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import final_distance, place
 from applr_ros1.planner.dwa.critics.critic import IN_OBSTACLE, OFF_MAP, UNREACHED
-from applr_ros1.planner.dwa.records import Grids, Scene, grid_of
+from applr_ros1.planner.dwa.records import DWAGrids, DWAScene, grid_of
 from applr_ros1.planner.search.best_first import HUGE
 
 
 @kernel
 def at_end(
-    scene: Scene, grids: Grids, grid_row: int, points: Data, nose_offset: float, tests_all: bool
+    scene: DWAScene,
+    grids: DWAGrids,
+    grid_row: int,
+    points: Data,
+    nose_offset: float,
+    tests_all: bool,
 ) -> float:
     """Return the distance on a grid `nose_offset` [m] in front of the last of the points (k, 3).
 

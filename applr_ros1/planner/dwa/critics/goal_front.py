@@ -4,7 +4,7 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.dwa.critics.critic import Row
 from applr_ros1.planner.dwa.critics.distance import at_end
-from applr_ros1.planner.dwa.records import FRONT, Grids, Scene
+from applr_ros1.planner.dwa.records import FRONT, DWAGrids, DWAScene
 from applr_ros1.planner.sampling_planner import Record
 
 ROW = Row(
@@ -22,7 +22,7 @@ def weight(p: Record) -> float:
 
 
 @kernel(inline="always")
-def value(p: Record, scene: Scene, grids: Grids, points: Data) -> float:
+def value(p: Record, scene: DWAScene, grids: DWAGrids, points: Data) -> float:
     """Return the value for a trajectory through the points (k, 3)."""
     return at_end(scene, grids, FRONT, points, p.forward_point_distance, False)
 

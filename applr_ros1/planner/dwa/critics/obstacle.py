@@ -12,7 +12,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.dwa.critics.critic import COLLIDES, Row
-from applr_ros1.planner.dwa.records import Scene
+from applr_ros1.planner.dwa.records import DWAScene
 from applr_ros1.planner.sampling_planner import Record
 
 ROW = Row(
@@ -30,7 +30,7 @@ def weight(p: Record) -> float:
 
 
 @kernel
-def value(p: Record, scene: Scene, points: Data, speed: float) -> float:
+def value(p: Record, scene: DWAScene, points: Data, speed: float) -> float:
     """Return the largest cost at any of the points (k, 3), or COLLIDES if one of them is illegal.
 
     With sum_scores, return the sum of all costs. speed: speed over ground [m/s], which enlarges the
