@@ -35,7 +35,7 @@ JUMP_M_S = 10.0
 
 
 @dataclass
-class Body:
+class BodyState:
     """State of the robot's body."""
 
     x: float = 0.0  # pose of the centre of mass in the world [m, m, rad]
@@ -67,7 +67,7 @@ class Contact:
 CONTACT = record_type(Contact)
 
 
-class Touch(NamedTuple):
+class TouchGeometry(NamedTuple):
     """Geometry of a contact, see Contact."""
 
     depth: float
@@ -98,7 +98,7 @@ class KinematicSimulator(Simulator):
         self._vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
         self._supports = self._mechanics.supports.copy()
         x, y = transform_point(pose, *self._mechanics.com)
-        self._body = record(Body(x, y, pose[2]))
+        self._body = record(BodyState(x, y, pose[2]))
 
     def _drive(self, steps: int) -> None:
         """Simulate some steps of STEP, and store the state after them."""
@@ -120,7 +120,7 @@ class KinematicSimulator(Simulator):
         )
         self._steps += steps
 
-        body = Body(*self._body[0].item())
+        body = BodyState(*self._body[0].item())
         com_x, com_y = self._mechanics.com
         # base_link moves with the centre of mass, and around it in a turn.
         speed = body.forward + body.yaw_rate * com_y
@@ -174,7 +174,7 @@ class KinematicSimulator(Simulator):
 
 
 @kernel
-def _circle_contact(x: float, y: float, radius: float, part: Array) -> Touch:
+def _circle_contact(x: float, y: float, radius: float, part: Array) -> TouchGeometry:
     """Return the contact of a circle at (x, y) in the body frame [m] with one part (4,)."""
     part_x, part_y, half_length, half_width = part[0], part[1], part[2], part[3]
     x -= part_x
@@ -183,7 +183,7 @@ def _circle_contact(x: float, y: float, radius: float, part: Array) -> Touch:
     nearest_y = min(max(y, -half_width), half_width)
     gap = hypot(x - nearest_x, y - nearest_y)
     if gap > 0.0:
-        return Touch(
+        return TouchGeometry(
             radius - gap,
             part_x + nearest_x,
             part_y + nearest_y,
@@ -194,16 +194,16 @@ def _circle_contact(x: float, y: float, radius: float, part: Array) -> Touch:
     if half_length - abs(x) < half_width - abs(y):
         direction = 1.0 if x > 0.0 else -1.0
         depth = radius + half_length - abs(x)
-        return Touch(depth, part_x + direction * half_length, part_y + y, -direction, 0.0)
+        return TouchGeometry(depth, part_x + direction * half_length, part_y + y, -direction, 0.0)
     direction = 1.0 if y > 0.0 else -1.0
     depth = radius + half_width - abs(y)
-    return Touch(depth, part_x + x, part_y + direction * half_width, 0.0, -direction)
+    return TouchGeometry(depth, part_x + x, part_y + direction * half_width, 0.0, -direction)
 
 
 @kernel
 def _box_contact(
     x: float, y: float, axis: Tuple[float, float], half_x: float, half_y: float, part: Array
-) -> Touch:
+) -> TouchGeometry:
     """Return the contact of a box with one part (4,): the smallest overlap along four axes.
 
     The box at (x, y) in the body frame has the half sizes half_x along `axis`, a unit vector, and
@@ -246,12 +246,12 @@ def _box_contact(
         # A corner of the part touches a side of the box: the corner farthest against the normal.
         touch_x = -half_length if normal_x > 0.0 else half_length
         touch_y = -half_width if normal_y > 0.0 else half_width
-    return Touch(depth, part_x + touch_x, part_y + touch_y, normal_x, normal_y)
+    return TouchGeometry(depth, part_x + touch_x, part_y + touch_y, normal_x, normal_y)
 
 
 @kernel
 def _add_contact(
-    contacts: Records, count: int, touch: Touch, part: int, velocity: Tuple[float, float]
+    contacts: Records, count: int, touch: TouchGeometry, part: int, velocity: Tuple[float, float]
 ) -> int:
     """Write the contact of one part as number `count`, and return the number of contacts.
 
@@ -430,7 +430,7 @@ def drive(
     """Advance a robot by one step of STEP for each row of `noise`.
 
     Args:
-        bodies: Record (1,) of Body, which is updated.
+        bodies: Record (1,) of BodyState, which is updated.
         vehicles: Record (1,) of wheels.Vehicle, which is updated.
         supports: Records (n,) of Support, which are updated.
         targets: Velocity targets (k, 3): first step, v [m/s] and w [rad/s] of each.
@@ -440,7 +440,7 @@ def drive(
         table: wheels.rim_table().
         noise: Standard normal random numbers (steps, wheels.noises()).
     """
-    body: Body = bodies[0]
+    body: BodyState = bodies[0]
     vehicle: Vehicle = vehicles[0]
     constants = vehicle.constants
     drivetrain = vehicle.drivetrain

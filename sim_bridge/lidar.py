@@ -37,7 +37,7 @@ class Fan(NamedTuple):
     range_max: float  # [m]
 
 
-class Rays(NamedTuple):
+class LaserBeams(NamedTuple):
     """Beams of one laser."""
 
     fan: Fan
@@ -150,7 +150,7 @@ def _bearing(y: float, x: float) -> float:
 
 @kernel
 def _cut_circle(
-    x: float, y: float, radius: float, square: float, rays: Rays, nearest: Array
+    x: float, y: float, radius: float, square: float, rays: LaserBeams, nearest: Array
 ) -> bool:
     """Shorten the ranges `nearest` (beams,) of beams that hit a circle.
 
@@ -204,7 +204,7 @@ def _cut_circle(
 
 
 @kernel
-def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: Rays, nearest: Array) -> None:
+def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: LaserBeams, nearest: Array) -> None:
     """Shorten the ranges `nearest` (beams,) of beams that hit a side of a box.
 
     The side leads from (x0, y0) to (x1, y1) in the laser frame [m].
@@ -273,7 +273,7 @@ def _scan(
     """
     x, y, yaw = pose
     fan = Fan(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4])
-    rays = Rays(fan, cosines, sines)
+    rays = LaserBeams(fan, cosines, sines)
     nearest = np.full(ranges.shape[0], fan.range_max)
     cos_yaw = np.cos(yaw)
     sin_yaw = np.sin(yaw)

@@ -20,7 +20,7 @@ OCCUPIED = 100
 MARGIN_M = 2.0  # width of the free margin around obstacles and course [m]
 
 
-class Window(NamedTuple):
+class CellWindow(NamedTuple):
     """Rectangle of a grid's cells around a point.
 
     Attributes:
@@ -92,7 +92,7 @@ def extent(world: World) -> Tuple[Array, Array]:
 
 def window_of(
     cells: NDArray[np.int8], origin: Point, resolution: float, centre: Point, reach: float
-) -> Window:
+) -> CellWindow:
     """Return the cells within `reach` [m] of a point (x, y) [m] along both axes.
 
     Args:
@@ -107,7 +107,7 @@ def window_of(
     columns, dx = _along_axis(origin[0], x, reach, resolution, column_count)
     rows, dy = _along_axis(origin[1], y, reach, resolution, row_count)
     # Slices make a view, in which the caller marks cells.
-    return Window(
+    return CellWindow(
         cells=cells[rows, columns],
         dx=dx[np.newaxis, :],
         dy=dy[:, np.newaxis],

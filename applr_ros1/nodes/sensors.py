@@ -28,7 +28,7 @@ from applr_ros1.robots import Robot
 
 from . import conversions
 from .conversions import MessageError
-from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
+from .transforms import MAX_AGE_S, MAX_AHEAD_S, TransformBuffer
 
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
@@ -37,7 +37,7 @@ RECENT_S = 2.0  # largest age or lead of a message that keeps waiting for its tr
 ADJUSTMENT_S = 1.0
 
 
-class Clock:
+class RosClock:
     """Latest reading of ROS time, with detection of jumps back and of a stopped clock.
 
     Attributes:
@@ -92,7 +92,7 @@ class Sensors:
     ):
         # tf2 knows no frames with a leading slash, which files written for tf may have.
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
-        self.transforms = Transforms()
+        self.transforms = TransformBuffer()
         self._no_return = no_return
         self.twist: Twist = (0.0, 0.0)
         self._odometry_time = rospy.Time(0)  # arrival time of the latest odometry
@@ -238,7 +238,7 @@ class Sensors:
     def _latest_pose(
         self, target: str, source: str, now: rospy.Time, oldest: float, most_ahead: float
     ) -> Optional[Pose]:
-        """Return a pose as `Transforms.latest` does; None, with `pose_trouble`, if it raises."""
+        """Return the pose of `TransformBuffer.latest`; None, with `pose_trouble`, if it raises."""
         self.pose_trouble = ""
         try:
             transform = self.transforms.latest(target, source, now, oldest, most_ahead)

@@ -38,7 +38,7 @@ class _Buffer(tf2_ros.Buffer):  # type: ignore[misc]  # ROS packages have no typ
             )
 
 
-class Transforms:
+class TransformBuffer:
     """Buffer of tf, filled from the first lookup until `unsubscribe`."""
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ import rospy
 
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.nodes.conversions import Reading
-from applr_ros1.nodes.tools.measure_braking import Stop, dead_band, deceleration, reaction
+from applr_ros1.nodes.tools.measure_braking import MeasuredStop, dead_band, deceleration, reaction
 from tests.support.refusals import refused
 from tests.support.ros import Kept, session, wait_for
 from worlds import Course, World
@@ -45,8 +45,8 @@ def measure(*options):
 
 
 def stop(speed, began, brakes):
-    """Return the Stop of a base that brakes with `brakes` [m/s^2] after `began` [s]."""
-    return Stop(speed, 1.0, began, speed * began + speed**2 / (2.0 * brakes))
+    """Return the MeasuredStop of a base that brakes with `brakes` [m/s^2] after `began` [s]."""
+    return MeasuredStop(speed, 1.0, began, speed * began + speed**2 / (2.0 * brakes))
 
 
 def test_a_late_stop_is_not_mistaken_for_weak_brakes():
@@ -70,7 +70,7 @@ def test_of_equivalent_reaction_times_the_least_from_the_median_up_is_chosen():
 
 
 class Ignoring:
-    """Stand-in for Base, of a robot that drives at any command except those below its dead band."""
+    """Stand-in for MeasuredBase: a robot that drives at any command above its dead band."""
 
     def __init__(self, band):
         self.band = band

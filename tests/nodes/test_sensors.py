@@ -179,7 +179,7 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeyp
     # Given: messages of the time before, of which one scan waits for its transform
     monkeypatch.setattr(module, "is_wallclock", lambda: False)
     robot.time(100.5)
-    clock = module.Clock()
+    clock = module.RosClock()
     assert not clock.went_back()
     robot.tf(100.5)
     robot.odometry(100.5)

@@ -20,9 +20,9 @@ from applr_ros1.common.errors import reason
 from applr_ros1.nodes.applr.costmaps import Costmaps
 from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
-from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient, Server
+from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient, ServerClient
 from applr_ros1.nodes.applr.topics import ApplrTopics
-from applr_ros1.nodes.sensors import Clock
+from applr_ros1.nodes.sensors import RosClock
 from applr_ros1.planner.parameters.obstacle_range import mismatch
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.layout import ObservationError
@@ -93,7 +93,7 @@ class ApplrNode:
         self.client.start()
         rospy.on_shutdown(self.shutdown)
         beat_due = report_due = rospy.Time(0)
-        clock = Clock()
+        clock = RosClock()
         while not rospy.is_shutdown():
             try:
                 if clock.went_back():
@@ -240,7 +240,7 @@ class ApplrNode:
         if problem:
             client.apply(start, RESTORE_S)
 
-    def _on_restart(self, server: Server) -> None:
+    def _on_restart(self, server: ServerClient) -> None:
         """Set the parameters again after a server's restart, which lost them."""
         self.counts["restarts"] += 1
         self._range_line = None

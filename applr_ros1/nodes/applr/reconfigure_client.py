@@ -34,7 +34,7 @@ SEARCH_S = 1.0  # pause between two searches for the servers [s]
 MOST_SEARCHES = 15  # number of failed searches before they are reported
 
 
-class Server:
+class ServerClient:
     """Client for one dynamic_reconfigure server: latest values, bounds, and calls.
 
     A stopped process accepts calls without ever answering, and the library has no time-out. Each
@@ -56,7 +56,9 @@ class Server:
         ApplrError: The server lacks a value.
     """
 
-    def __init__(self, name: str, targets: Iterable[Target], on_restart: Callable[[Server], None]):
+    def __init__(
+        self, name: str, targets: Iterable[Target], on_restart: Callable[[ServerClient], None]
+    ):
         self.name = name
         self._on_restart = on_restart
         self._is_described = False
@@ -179,7 +181,7 @@ class ReconfigureClient:
     Args:
         namespace: Namespace of move_base.
         space: The parameters, and the servers that have them.
-        on_restart: Called with a Server that came back after a restart, from a callback's thread.
+        on_restart: Called with the ServerClient of a restarted server, from a callback's thread.
         on_report: Called with the result of every attempt at a request, as `apply` returns it, from
             the client's thread.
         on_trouble: Called from the client's thread with one line while servers are missing, and
@@ -196,7 +198,7 @@ class ReconfigureClient:
         self,
         namespace: str = "/move_base",
         space: Space = SPACE,
-        on_restart: Callable[[Server], None] = lambda server: None,
+        on_restart: Callable[[ServerClient], None] = lambda server: None,
         on_report: Callable[[str], None] = lambda error: None,
         on_trouble: Callable[[str], None] = lambda line: None,
     ):
@@ -206,7 +208,7 @@ class ReconfigureClient:
         self._on_restart = on_restart
         self._on_report = on_report
         self._on_trouble = on_trouble
-        self.servers: Dict[str, Server] = {}
+        self.servers: Dict[str, ServerClient] = {}
         self.busy = False
         self._requested: Optional[Settings] = None  # settings of the last request
         self._sent: Optional[Settings] = None  # settings of the last apply
@@ -257,7 +259,7 @@ class ReconfigureClient:
         targets = [target for _, target in self.space.addresses if target.server == wanted_server]
         for candidate in self._candidates(wanted_server, running):
             try:
-                self.servers[wanted_server] = Server(candidate, targets, self._on_restart)
+                self.servers[wanted_server] = ServerClient(candidate, targets, self._on_restart)
                 return ""
             except rospy.ROSException as problem:
                 trouble = f"{candidate}: {reason(problem)}"
@@ -398,7 +400,7 @@ class ReconfigureClient:
                     errors.append(server.call.result() or busy_problem)
             return "; ".join(errors)
 
-    def _requests(self, settings: Settings) -> List[Tuple[Server, Dict[str, float]]]:
+    def _requests(self, settings: Settings) -> List[Tuple[ServerClient, Dict[str, float]]]:
         """Return the request of each server that puts its part of the settings in force."""
         requests = []
         for server_name, values in self._converted(settings).items():

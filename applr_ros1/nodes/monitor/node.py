@@ -42,7 +42,7 @@ from applr_ros1.monitor.monitor import (
 from applr_ros1.monitor.settings import OF_ROBOT, MonitorSettings
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
-from applr_ros1.nodes.sensors import Clock, Sensors
+from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
 from applr_ros1.stack.stuck import CommandChain, StalledPlanner
 
@@ -83,7 +83,7 @@ class CollisionMonitorNode:
     ):
         self.monitor = CollisionMonitor(settings, more_scans)
         self._lock = threading.Lock()
-        self._clock = Clock()
+        self._clock = RosClock()
         self._verdict = Verdict.stop((0.0, 0.0), "no command has arrived yet")
         self._counts = dict.fromkeys((PASS, BRAKE, SLOW, STOP), 0)
         # ROS time of the latest command; 0 if there is none since the start or a clock jump.

@@ -11,7 +11,7 @@ from typing import Callable, Optional
 import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
-from applr_ros1.nodes.sensors import Clock
+from applr_ros1.nodes.sensors import RosClock
 
 # Wall time after which a simulated clock that does not advance counts as stalled [s]
 STALLED_S = 1.0
@@ -54,7 +54,7 @@ class ControlLoop:
     def run(self) -> None:
         """Run cycles until the node is shut down."""
         due_time: Optional[rospy.Time] = None  # None for a cycle that is due at once
-        clock = Clock()
+        clock = RosClock()
         is_stalled = False
         while not rospy.is_shutdown():
             last_time = clock.now

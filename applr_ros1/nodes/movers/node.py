@@ -29,7 +29,7 @@ from applr_ros1.movers.tracker import warm_up
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import named_robot
-from applr_ros1.nodes.sensors import Clock, Sensors
+from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import Robot
 
@@ -84,7 +84,7 @@ class MoversNode:
         self._prediction = Prediction(robot)
         self._frame = prefix + robot.frames.odom
         self._scan_topic = robot.topics.scan
-        self._clock = Clock()
+        self._clock = RosClock()
         self._laser = TrackedLaser()
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
         self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)

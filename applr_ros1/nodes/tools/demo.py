@@ -78,7 +78,7 @@ The other arguments are those of the launch file:
 roslaunch --ros-args applr_ros1 jackal_applr.launch"""
 
 
-class Setup(NamedTuple):
+class DemoSetup(NamedTuple):
     """Set-up of a demo, from its arguments.
 
     Attributes:
@@ -125,7 +125,7 @@ def main() -> int:
     return 0 if result["success"] else 1
 
 
-def prepare(words: Sequence[str]) -> Setup:
+def prepare(words: Sequence[str]) -> DemoSetup:
     """Parse a command line.
 
     Raises:
@@ -167,7 +167,7 @@ def prepare(words: Sequence[str]) -> Setup:
     # The demo sends the goal itself, when it has begun to record.
     passed_names = {"method", "seed", *given_values} & set(defaults)
     passed_values = {name: values[name] for name in passed_names}
-    return Setup(values, {**passed_values, "goal": "none"}, robot, world)
+    return DemoSetup(values, {**passed_values, "goal": "none"}, robot, world)
 
 
 def how_to_ask_why(bag: str, robot: Robot) -> str:
@@ -191,7 +191,7 @@ def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
     return dataclasses.replace(world, course=course)
 
 
-def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
+def _drive(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> None:
     """Drive the course, complete the result, and write the page."""
     values = setup.values
     start_time = time.monotonic()
@@ -235,7 +235,9 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
         report(result["page"])
 
 
-def _page(drive: Drive, setup: Setup, begins: float, result: Dict[str, Any], spoiled: str) -> bytes:
+def _page(
+    drive: Drive, setup: DemoSetup, begins: float, result: Dict[str, Any], spoiled: str
+) -> bytes:
     """Return the page of a drive that begins at the world's time `begins` [s].
 
     spoiled: What a busy machine has spoiled, or "".
@@ -271,7 +273,7 @@ class Observer:
         load: What a busy machine has spoiled.
     """
 
-    def __init__(self, setup: Setup):
+    def __init__(self, setup: DemoSetup):
         values = setup.values
         robot = setup.robot
         self.world = setup.world

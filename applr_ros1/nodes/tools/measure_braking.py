@@ -48,7 +48,7 @@ KEEP_GAIN = 2.0  # turn rate per error of the heading, to drive straight [1/s]
 KEEP_RAD_S = 0.5  # largest turn rate to drive straight [rad/s]
 
 
-class Stop(NamedTuple):
+class MeasuredStop(NamedTuple):
     """One stop of a run or turn.
 
     Attributes:
@@ -64,8 +64,10 @@ class Stop(NamedTuple):
     way: float
 
 
-def stop_of(readings: List[Reading], brake_time: float, command: float, is_turn: bool) -> Stop:
-    """Return the Stop of a run.
+def stop_of(
+    readings: List[Reading], brake_time: float, command: float, is_turn: bool
+) -> MeasuredStop:
+    """Return the MeasuredStop of a run.
 
     Args:
         readings: Odometry of the run.
@@ -97,7 +99,7 @@ def stop_of(readings: List[Reading], brake_time: float, command: float, is_turn:
     distance = 0.0
     for previous, reading in zip(readings_after, readings_after[1:]):
         distance += _distance(previous, reading, is_turn)
-    return Stop(speed, speed / abs(command), slowed_time - brake_time, distance)
+    return MeasuredStop(speed, speed / abs(command), slowed_time - brake_time, distance)
 
 
 def _speed(reading: Reading, is_turn: bool) -> float:
@@ -113,7 +115,7 @@ def _distance(previous: Reading, reading: Reading, is_turn: bool) -> float:
     return math.dist(reading.pose[:2], previous.pose[:2])
 
 
-def deceleration(stops: List[Stop], reaction: float) -> float:
+def deceleration(stops: List[MeasuredStop], reaction: float) -> float:
     """Return the worst deceleration of some stops [m/s^2 or rad/s^2].
 
     With it, distance <= speed * reaction + speed^2 / (2 deceleration) for every stop.
@@ -127,7 +129,7 @@ def deceleration(stops: List[Stop], reaction: float) -> float:
     return min(decelerations)
 
 
-def reaction(straight: List[Stop], turns: List[Stop]) -> float:
+def reaction(straight: List[MeasuredStop], turns: List[MeasuredStop]) -> float:
     """Return the reaction time [s] with the shortest predicted stop from the largest speed.
 
     Candidates are the reaction times of the stops from their median up. A single late stop, as on a
@@ -143,7 +145,7 @@ def reaction(straight: List[Stop], turns: List[Stop]) -> float:
     return min(reaction_times[len(reaction_times) // 2 :], key=predicted_way)
 
 
-class Base:
+class MeasuredBase:
     """Interface to the robot: publishes commands and records odometry.
 
     Args:
@@ -214,7 +216,7 @@ class Base:
         """Brake until the base stands still."""
         self.drive(0.0, 0.0, self.is_at_rest, BRAKING_S)
 
-    def run(self, v: float, w: float) -> Stop:
+    def run(self, v: float, w: float) -> MeasuredStop:
         """Drive or turn, brake to rest, and print a line about the stop."""
         first_index = len(self.readings)
         end_time = rospy.get_time() + DRIVING_S
@@ -236,7 +238,7 @@ class Base:
         return stop
 
 
-def _print_stop(stop: Stop, command: float, is_turn: bool) -> None:
+def _print_stop(stop: MeasuredStop, command: float, is_turn: bool) -> None:
     speed_unit = "rad/s" if is_turn else "m/s"
     way_unit = "rad" if is_turn else "m"
     print(
@@ -246,7 +248,7 @@ def _print_stop(stop: Stop, command: float, is_turn: bool) -> None:
     )
 
 
-def dead_band(base: Base, is_turn: bool) -> float:
+def dead_band(base: MeasuredBase, is_turn: bool) -> float:
     """Return the smallest command that moves the base [m/s, or rad/s in a turn].
 
     It is 0 if the first step already moves the base.
@@ -327,7 +329,9 @@ def main() -> None:
         raise ApplrError(f"{invalid_options}: give at least {LEAST_WAY_M:g} m and one run")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
-    base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)
+    base = MeasuredBase(
+        robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free
+    )
     top_speed = min(robot.base.max_speed, fastest(options.free))
 
     ignored_v = dead_band(base, is_turn=False)

@@ -17,7 +17,7 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import reason
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.nodes.conversions import pose_of
-from applr_ros1.nodes.transforms import Transforms
+from applr_ros1.nodes.transforms import TransformBuffer
 from applr_ros1.policy.layout import ObservationError
 
 KEPT_MESSAGES = 50  # largest number of unread messages of a topic
@@ -39,7 +39,7 @@ class Listener:
         # Wall and ROS time of the latest message, by topic
         self._times: Dict[str, Tuple[float, float]] = {}
         self._subscribers: List[Any] = []
-        self._transforms = Transforms()
+        self._transforms = TransformBuffer()
 
     def close(self) -> None:
         """Unsubscribe from everything until the next request, and drop all messages."""

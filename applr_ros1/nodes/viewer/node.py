@@ -26,7 +26,7 @@ from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.nodes.robot_parameters import named_robot
-from applr_ros1.nodes.sensors import Clock
+from applr_ros1.nodes.sensors import RosClock
 from applr_ros1.robots import Robot
 
 from . import admission, look, panel, scene
@@ -78,9 +78,11 @@ class Viewer:
             brand_color=rgb("brand"),
         )
         gui.main_panel.dock_right()  # The scene fills the rest of the window.
-        self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
+        self.scene = scene.ViewerScene(
+            self.server, robot, self.listener, prefix + robot.frames.base
+        )
         self._is_ready = False  # whether everything has answered once since the start
-        self._clock = Clock()
+        self._clock = RosClock()
         self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._status = gui.add_html("")

@@ -23,7 +23,7 @@ from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.robots import Robot
 
 from .listening import Listener
-from .shapes import Costmap, Lines, Model, colours, lifted, put
+from .shapes import DrawnCostmap, Lines, Model, colours, lifted, put
 
 PLAN = "move_base/NavfnROS/plan"
 GOAL = "move_base/current_goal"
@@ -45,7 +45,7 @@ VIEW = (3.5, 2.5, 1.0)
 SIGHT_M = 0.1  # tolerance of a reported line of sight [m]
 
 
-class Scene:
+class ViewerScene:
     """3D scene of the latest messages, updated by `draw`. base: Base frame of the robot.
 
     Attributes:
@@ -94,7 +94,7 @@ class Scene:
         # The local costmap lies above the global one.
         self._costmaps = {}
         for costmap_name, z in zip(COSTMAPS, (0.006, 0.003)):
-            self._costmaps[costmap_name] = Costmap(scene, f"/{costmap_name}/image", z)
+            self._costmaps[costmap_name] = DrawnCostmap(scene, f"/{costmap_name}/image", z)
         self._goal = scene.add_icosphere("/goal", 0.12, color=rgb("goal"), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose: Any = None

@@ -129,7 +129,7 @@ SHADES[99] = (*rgb("fast"), 170)  # inscribed
 SHADES[100] = (*rgb("fast"), 240)  # lethal
 
 
-class Costmap:
+class DrawnCostmap:
     """Costmap updated from whole maps and windows.
 
     Draws only the bounding box of the cells that are not free: a global costmap is large.
