@@ -22,7 +22,7 @@ def rotations(quaternions: np.ndarray) -> Rotation:
     return Rotation.from_quat(quaternions)
 
 
-class Placement(NamedTuple):
+class FramePlacements(NamedTuple):
     """Places of a frame in another at n times.
 
     Attributes:
@@ -43,15 +43,15 @@ class Placement(NamedTuple):
         yaw = np.arctan2(sine, cosine)
         return np.column_stack([self.position[:, :2], yaw])
 
-    def compose(self, inner: Placement) -> Placement:
+    def compose(self, inner: FramePlacements) -> FramePlacements:
         """Return the places of a frame that `inner` places in this one."""
         position = self.position + self.rotation.apply(inner.position)
-        return Placement(position, self.rotation * inner.rotation)
+        return FramePlacements(position, self.rotation * inner.rotation)
 
-    def inverse(self) -> Placement:
+    def inverse(self) -> FramePlacements:
         """Return the places of the outer frame in this one."""
         rotation = self.rotation.inv()
-        return Placement(-rotation.apply(self.position), rotation)
+        return FramePlacements(-rotation.apply(self.position), rotation)
 
 
 class Link:
@@ -86,7 +86,7 @@ class Link:
         signs = np.cumprod(np.concatenate([[1.0], changes_of_sign]))
         quaternions *= signs[:, None]
 
-    def at(self, stamps: np.ndarray) -> Placement:
+    def at(self, stamps: np.ndarray) -> FramePlacements:
         """Return the places at some times (n,) [s], interpolated.
 
         Outside of the record, the nearest one holds.
@@ -96,7 +96,7 @@ class Link:
         else:
             columns = [np.interp(stamps, self.stamp, column) for column in self._place.T]
             places = np.column_stack(columns)
-        return Placement(places[:, :3], rotations(places[:, 3:]))
+        return FramePlacements(places[:, :3], rotations(places[:, 3:]))
 
 
 class Tree:
@@ -112,7 +112,7 @@ class Tree:
         for child, rows in rows_by_child.items():
             self._links[child] = Link(transforms, rows)
 
-    def place(self, outer: str, inner: str, stamps: np.ndarray) -> Optional[Placement]:
+    def place(self, outer: str, inner: str, stamps: np.ndarray) -> Optional[FramePlacements]:
         """Return the places of the frame `inner` in `outer` at some times (n,) [s].
 
         None if no links connect the frames.
@@ -159,12 +159,12 @@ class Tree:
             frames.append(frame)
         return frames
 
-    def _below(self, outer: str, inner: str, stamps: np.ndarray) -> Placement:
+    def _below(self, outer: str, inner: str, stamps: np.ndarray) -> FramePlacements:
         """Return the places of a frame in one of those above it."""
         time_count = len(stamps)
         # From the inner frame itself upwards, one link after the other
         no_rotations = rotations(np.tile(NO_TURN, (time_count, 1)))
-        placement = Placement(np.zeros((time_count, 3)), no_rotations)
+        placement = FramePlacements(np.zeros((time_count, 3)), no_rotations)
         frame = inner
         while frame != outer:
             link = self._links[frame]

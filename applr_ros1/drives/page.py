@@ -48,7 +48,7 @@ class Shown(NamedTuple):
 
 
 @dataclass
-class Scene:
+class PageScene:
     """A world with its drives, which start at the world's time `begins` [s]."""
 
     name: str
@@ -63,7 +63,7 @@ def page(
     methods: Sequence[str],
     space: Space,
     outline: np.ndarray,
-    scenes: Sequence[Scene],
+    scenes: Sequence[PageScene],
     marked: bool = False,
     back: str = "",
     units: Mapping[str, str] = {},
@@ -156,7 +156,7 @@ def parameter_values(space: Space, units: Mapping[str, str] = {}) -> List[Dict[s
     return parameters
 
 
-def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
+def scene_values(scene: PageScene, marked: bool = False) -> Dict[str, Any]:
     """Return a scene as SCENE reads it. Lengths are in cm, those of circles in mm.
 
     Args:

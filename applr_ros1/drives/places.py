@@ -8,7 +8,7 @@ import numpy as np
 
 from applr_ros1.drives.clocks import APART_S, stamped_later
 from applr_ros1.drives.drive import Drive, Motion, Scans
-from applr_ros1.drives.frames import Link, Placement, Tree
+from applr_ros1.drives.frames import FramePlacements, Link, Tree
 
 
 class PlacedBase(NamedTuple):
@@ -37,7 +37,7 @@ class Places(NamedTuple):
         is_framed: Whether tf connects the drive's frame with the base.
     """
 
-    laser: Optional[Placement]
+    laser: Optional[FramePlacements]
     base: Optional[PlacedBase]
     is_framed: bool
 

@@ -55,7 +55,7 @@ LEFT_OUT = (
 )
 
 
-class Result(NamedTuple):
+class MeanResult(NamedTuple):
     """Mean result of driving on.
 
     Attributes:
@@ -81,8 +81,8 @@ class Alternative:
 
     changes: Tuple[Change, ...]
     default: Any
-    before: Result
-    after: Result
+    before: MeanResult
+    after: MeanResult
     elsewhere: float = 0.0
 
     @property
@@ -274,8 +274,8 @@ def best_changes(
             alternative = Alternative(
                 together(settings, change),
                 declared.default,
-                before=Result(*results_before.mean(axis=0).tolist()),
-                after=Result(*results_after.mean(axis=0).tolist()),
+                before=MeanResult(*results_before.mean(axis=0).tolist()),
+                after=MeanResult(*results_after.mean(axis=0).tolist()),
             )
             if alternative.gain > LITTLE and clearances.min() >= nearest:
                 by_parameter.setdefault((change.server, change.name), []).append(alternative)

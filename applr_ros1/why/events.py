@@ -40,7 +40,7 @@ ASKED = "the moment asked about"
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 
 
-class Limits(NamedTuple):
+class DriveLimits(NamedTuple):
     """Limits by which a drive is measured, for each of n odometry messages.
 
     Attributes:
@@ -100,7 +100,7 @@ class Kind(NamedTuple):
     happens: np.ndarray
 
 
-def find(drive: Drive, odometry: Motion, limits: Limits) -> List[Event]:
+def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
     """Return the events of a drive in order of time. Those at one place are one event, a trap.
 
     Args:
@@ -134,7 +134,7 @@ def find(drive: Drive, odometry: Motion, limits: Limits) -> List[Event]:
     return list(_traps(found_events, TRAP_M * limits.scale))
 
 
-def around(at: float, odometry: Motion, limits: Limits) -> Event:
+def around(at: float, odometry: Motion, limits: DriveLimits) -> Event:
     """Return the time around a moment [s] as an event.
 
     Raises:
@@ -149,7 +149,7 @@ def around(at: float, odometry: Motion, limits: Limits) -> Event:
     return Event(ASKED, at - AROUND_S, at + AROUND_S, (x, y))
 
 
-def _kinds(odometry: Motion, limits: Limits) -> Iterator[Kind]:
+def _kinds(odometry: Motion, limits: DriveLimits) -> Iterator[Kind]:
     """Yield kinds of events, the special ones first, because each row belongs to one event."""
     v, w = odometry.twist.T
     speed = np.abs(v)
@@ -167,7 +167,7 @@ def _kinds(odometry: Motion, limits: Limits) -> Iterator[Kind]:
     yield Kind("was slow", SLOW_S, speed < SLOW * limits.speed)
 
 
-def _swings(odometry: Motion, limits: Limits) -> np.ndarray:
+def _swings(odometry: Motion, limits: DriveLimits) -> np.ndarray:
     """Return the rows (n,) around which the turn rate changes its sign often."""
     w = odometry.twist[:, 1]
     # Slow turns do not count: a robot that drives straight on corrects its heading all the time.
@@ -183,7 +183,7 @@ def _swings(odometry: Motion, limits: Limits) -> np.ndarray:
     return swings_often
 
 
-def _to_and_fro(odometry: Motion, limits: Limits) -> np.ndarray:
+def _to_and_fro(odometry: Motion, limits: DriveLimits) -> np.ndarray:
     """Return the rows (n,) around which the robot drives to and fro and gains little way."""
     times = odometry.time
     first_rows = np.searchsorted(times, times - FRO_S / 2)

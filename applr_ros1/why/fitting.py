@@ -18,7 +18,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import clocks_differ, one_clock, scans_apart, stamped_later
 from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans, nearest_rows
-from applr_ros1.drives.frames import Placement, Tree
+from applr_ros1.drives.frames import FramePlacements, Tree
 from applr_ros1.drives.places import PlacedBase, places_of
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.odometry_check import OdometryCheck
@@ -172,7 +172,7 @@ def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
 
 # -- laser -----------------------------------------------------------------------------------------
 def _placed_laser(
-    scans: Scans, frame: str, in_tf: Optional[Placement], robot: Robot, is_given: bool
+    scans: Scans, frame: str, in_tf: Optional[FramePlacements], robot: Robot, is_given: bool
 ) -> PlacedLaser:
     """Return the laser where tf has it, if it does, with the scans of one upside down turned.
 

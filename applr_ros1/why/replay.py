@@ -35,7 +35,7 @@ from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy.parameter_space import unchecked_space
 from applr_ros1.robots import Robot
-from applr_ros1.why.events import Limits
+from applr_ros1.why.events import DriveLimits
 from applr_ros1.why.moment import Asked, CycleMoment, MapSnapshot, Memory
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import Ahead, RerunPlanner
@@ -188,7 +188,7 @@ class Replay:
         return [cycle for cycle in self.cycles if begin <= cycle.at <= end]
 
     @cached_property
-    def limits(self) -> Limits:
+    def limits(self) -> DriveLimits:
         """Limits by which the drive is measured."""
         speeds = []
         turn_rates = []
@@ -196,7 +196,7 @@ class Replay:
             values = self.history.at(row_time)[self.planner.name]
             speeds.append(values["max_vel_x"])
             turn_rates.append(values["max_vel_theta"])
-        return Limits(
+        return DriveLimits(
             speed=np.array(speeds),
             turn=np.array(turn_rates),
             tolerance=self.planner.goal_tolerance,

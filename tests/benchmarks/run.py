@@ -258,12 +258,12 @@ def td3_updates():
     from training.env.trajectory import TransitionLayout
     from training.train.learner.config import LearnerOptions
     from training.train.learner.learner import draw_batch
-    from training.train.replay.buffer import Replay
+    from training.train.replay.buffer import ReplayBuffer
     from training.train.td3.td3 import TD3
 
     layout = TransitionLayout()
     options = LearnerOptions(net_arch=list(HIDDEN), batch_size=BATCH)
-    replay = Replay(layout, 7200)
+    replay = ReplayBuffer(layout, 7200)
     rng = np.random.default_rng(0)
     for episode_number in range(460):
         replay.add(

@@ -9,7 +9,7 @@ import pytest
 
 import worlds
 from applr_ros1.drives.drive import REACHED, TIMED_OUT, Goal
-from applr_ros1.drives.page import Scene, Shown, nearest_obstacle, page, verdict_of
+from applr_ros1.drives.page import PageScene, Shown, nearest_obstacle, page, verdict_of
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, geometry
 from tests.support.browser import focused, needs_browser, opened, shown_methods
@@ -50,7 +50,7 @@ def straight(status=REACHED, speed=1.0):
 def written(path, drive, method="applr", outline=OUTLINE):
     """Write the page of a drive, and return its path."""
     shown_drive = Shown(0, 0, drive)
-    scene = Scene("lane", WORLD, [shown_drive])
+    scene = PageScene("lane", WORLD, [shown_drive])
     html = page("title", "verdict", [method], SPACE, outline, [scene])
     path.write_bytes(html)
     return path

@@ -6,7 +6,7 @@ import pytest
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives
-from applr_ros1.why.alternatives import Alternative, Result, guesses_of
+from applr_ros1.why.alternatives import Alternative, MeanResult, guesses_of
 from applr_ros1.why.diagnosis import diagnose
 from tests.support.replays import (
     PLANNER,
@@ -64,8 +64,8 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
     def alternative(name, before, after, gain):
         change = Change(PLANNER, name, before, after)
         default = declared[name].default
-        stands = Result(0.0, 0.0)
-        gains = Result(gain, 0.0)
+        stands = MeanResult(0.0, 0.0)
+        gains = MeanResult(gain, 0.0)
         return Alternative((change,), default, stands, gains)
 
     # The first four gain about as much (at least WITHIN of the best), so that small changes are

@@ -7,7 +7,7 @@ import pytest
 
 from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans
 from applr_ros1.why import events, reasons
-from applr_ros1.why.events import AT_GOAL, UNHEARD, Limits
+from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -19,7 +19,7 @@ TURN = 1.5
 def found(drive):
     """Return the events of a robot as large as the Jackal, whose goal has a tolerance of 0.25 m."""
     row_count = len(drive.odometry)
-    limits = Limits(
+    limits = DriveLimits(
         speed=np.full(row_count, TOP),
         turn=np.full(row_count, TURN),
         tolerance=0.25,

@@ -31,7 +31,7 @@ from training.common.provenance import without_folders
 with extra(__name__):
     from training.appld import classifier, segmentation
     from training.appld.demonstration import Demonstration, policy_scans, read_demonstration
-    from training.appld.fit import Fit, Stretch, fit, stretches
+    from training.appld.fit import ContextFit, DemonstrationStretch, fit, stretches
     from training.bags.options import BagOptions
     from training.bags.read import bags_in
 
@@ -127,12 +127,12 @@ def run(arguments: List[str]) -> None:
 
 def _stretches_by_context(
     demonstrations: Sequence[Demonstration], split: segmentation.Contexts, robot: Robot
-) -> List[List[Stretch]]:
+) -> List[List[DemonstrationStretch]]:
     """Return the stretches of each context, and print the segments.
 
     A stretch is what the fit replays of a segment.
     """
-    by_context: List[List[Stretch]] = [[] for _ in split.names]
+    by_context: List[List[DemonstrationStretch]] = [[] for _ in split.names]
     for demonstration_index, demonstration in enumerate(demonstrations):
         times = demonstration.commands.time
         segments = []
@@ -146,7 +146,7 @@ def _stretches_by_context(
     return by_context
 
 
-def _described(name: str, mean: np.ndarray, best: Fit, space: Space) -> Dict[str, Any]:
+def _described(name: str, mean: np.ndarray, best: ContextFit, space: Space) -> Dict[str, Any]:
     """Return the log's entry of a context, and print its fit.
 
     Args:

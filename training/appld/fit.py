@@ -34,7 +34,7 @@ INSIDE = 0.9  # factor of the first mean of the search, which CMA-ES wants insid
 
 
 @dataclass
-class Stretch:
+class DemonstrationStretch:
     """Part of a demonstration to be replayed, and a copy of the planner at its start."""
 
     demonstration: Demonstration
@@ -45,7 +45,7 @@ class Stretch:
 
 
 @dataclass
-class Fit:
+class ContextFit:
     """Result for a context, with the field names of the log.
 
     Attributes:
@@ -101,8 +101,8 @@ def clock(i: int) -> float:
 
 def stretches(
     demonstration: Demonstration, robot: Robot, spans: Sequence[Segment]
-) -> List[Stretch]:
-    """Return a Stretch for each segment, from a replay of the whole demonstration with theta_0."""
+) -> List[DemonstrationStretch]:
+    """Return a stretch for each segment, from a replay of the whole demonstration with theta_0."""
     goal_pose = demonstration.goal_pose
     planner = MoveBase(counting_cells(robot.parameters()))
     space = space_of(robot)
@@ -116,7 +116,9 @@ def stretches(
             if segment.first == i:
                 # The costmap at its start depends on everything before.
                 end_instant = min(segment.last, i + LONGEST)
-                stretch = Stretch(demonstration, robot, i, end_instant, copy.deepcopy(planner))
+                stretch = DemonstrationStretch(
+                    demonstration, robot, i, end_instant, copy.deepcopy(planner)
+                )
                 segment_stretches.append(stretch)
         step(planner, demonstration, robot, i)
         if planner.goal is None:
@@ -125,7 +127,7 @@ def stretches(
     return segment_stretches
 
 
-def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
+def replay(stretch: DemonstrationStretch, theta: np.ndarray) -> np.ndarray:
     """Return the errors (k, 2) of the planner's commands (v, w) [m/s, rad/s].
 
     k is the number of instants that are not ignored.
@@ -155,7 +157,7 @@ class Loss(NamedTuple):
     rms_v_w: List[float]
 
 
-def loss(parts: Sequence[Stretch], theta: np.ndarray) -> Loss:
+def loss(parts: Sequence[DemonstrationStretch], theta: np.ndarray) -> Loss:
     """Return the loss of a parameter set (n,) over all stretches of a context."""
     errors = np.concatenate([replay(stretch, theta) for stretch in parts])
     if not len(errors):
@@ -165,7 +167,7 @@ def loss(parts: Sequence[Stretch], theta: np.ndarray) -> Loss:
     return Loss(float(v_square + TURN_WEIGHT * w_square), rms_errors.tolist())
 
 
-def fit(parts: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
+def fit(parts: Sequence[DemonstrationStretch], evaluations: int, seed: int) -> ContextFit:
     """Fit the parameters that the paper's encoding chooses, with CMA-ES from theta_0.
 
     Args:
@@ -179,7 +181,7 @@ def fit(parts: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
     theta0 = encoding.space.theta0
     default_action = encoding.action(theta0)
     default_loss = loss(parts, theta0)
-    best_fit = Fit(
+    best_fit = ContextFit(
         theta=theta0.copy(),
         loss=default_loss.value,
         loss_theta0=default_loss.value,

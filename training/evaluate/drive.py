@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Callable, Dict, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool
@@ -17,7 +17,7 @@ Run = Callable[[Trial], Tuple[Result, bytes]]
 def drive(
     pool: Pool,
     run: Run,
-    table: Trials,
+    table: TrialTable,
     trials: Sequence[Trial],
     show: Callable[[Trial, Result], None] = lambda trial, result: None,
 ) -> Dict[Trial, Result]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from applr_ros1.common.files import write_bytes
 from applr_ros1.drives.drive import ABORTED, REACHED, Goal
-from applr_ros1.drives.page import Scene, Shown, page
+from applr_ros1.drives.page import PageScene, Shown, page
 from training.common.folders import make_folder
 from training.evaluate.stored import Results
 from training.evaluate.table import read_trace
@@ -38,7 +38,7 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
     for world in results.worlds:
         drives = shown_drives(results, world)
         if drives:
-            scenes.append(Scene(world, results.load(world), drives))
+            scenes.append(PageScene(world, results.load(world), drives))
     if not scenes:
         return False
     page_bytes = page(

@@ -19,7 +19,7 @@ from training.common.provenance import provenance
 from training.env.settings import PAPER, DriveSettings, TrialSettings
 from training.evaluate.drive import drive
 from training.evaluate.runner import TrialWorld, content, content_of_worlds, run, world_list
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
 from worlds.loading import SPECIFICATIONS
@@ -75,7 +75,7 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
         end = f"{result.time_s:.1f} s" if result.success else result.reason
         bar.set_postfix_str(f"{trial.world} {trial.method} {end}", refresh=False)
 
-    with Trials(options.out, settings(options, worlds, chosen)) as table:
+    with TrialTable(options.out, settings(options, worlds, chosen)) as table:
         missing = len(table.missing(plan))
         done = len(plan) - missing
         bar = tqdm(total=len(plan), initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)

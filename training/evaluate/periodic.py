@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 from applr_ros1.common.files import read_bytes, reading, sha256, write_bytes
 from training.evaluate.drive import drive
 from training.evaluate.score import summary
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import BASELINE, POLICY, Result, Trial, plan_trials
 from training.workers.pool import Pool
 
@@ -97,7 +97,7 @@ class PeriodicEvaluation:
             # Each policy has a name of its own, so that the table keeps the trials of all.
             method = (f"policy-{sha256(weights)[:16]}", POLICY)
         plan = plan_trials(self.worlds, [method], trials=1, seed=CHOOSING + self.seed, traces=0)
-        with Trials(self.folder / "evaluation", {"seed": self.seed}) as table:
+        with TrialTable(self.folder / "evaluation", {"seed": self.seed}) as table:
             results = drive(pool, partial(run, weights=weights), table, plan, show)
         record = {**summary(list(results.values())), "round": number, **state}
         rival = self.best

@@ -6,7 +6,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
 
-from applr_ros1.drives.page import Scene, Shown, parameter_values, sampled, scene_values
+from applr_ros1.drives.page import PageScene, Shown, parameter_values, sampled, scene_values
 from training.evaluate.drives_page import shown_drives
 from training.evaluate.stored import Results
 from worlds.world import clearance
@@ -69,6 +69,6 @@ def _profile(results: Results, world_name: str, shown: Shown) -> Dict[str, Any]:
     regions = np.digitize(clearance(world, poses[:, :2]), LIMITS)  # indices (n,) into REGIONS
     return {
         "method": results.methods[shown.method],
-        "world": scene_values(Scene(world_name, world, [shown])),
+        "world": scene_values(PageScene(world_name, world, [shown])),
         "regions": regions.tolist(),
     }

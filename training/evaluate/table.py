@@ -72,7 +72,7 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
         return trials.reindex(columns=list(COLUMNS)).round(DECIMALS)
 
 
-class Trials:
+class TrialTable:
     """Folder with a table of trials, locked for this process until closed.
 
     Numbers have four decimals.
@@ -108,7 +108,7 @@ class Trials:
             self._results[row[: len(KEY)]] = Result(*row[len(KEY) :])
         self.order([])  # Without the incomplete last line, to which add() would append.
 
-    def __enter__(self) -> Trials:
+    def __enter__(self) -> TrialTable:
         return self
 
     def __exit__(self, *error: Any) -> None:

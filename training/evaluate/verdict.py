@@ -29,7 +29,7 @@ MEANS = {
 }
 
 
-class Verdict(NamedTuple):
+class ComparisonVerdict(NamedTuple):
     """Verdict on the methods of some paired trials.
 
     Attributes:
@@ -59,7 +59,7 @@ def paired_trials(
     return trials[driven_by == len(methods)]
 
 
-def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> Verdict:
+def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> ComparisonVerdict:
     """Compare methods with the robot's default parameters.
 
     The verdict is BASELINE unless another method is significantly better on average and not worse
@@ -90,7 +90,7 @@ def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> Verdict:
     )
     lines += [failures(trials, method) for method in rivals]
     best = min(better, key=lambda method: scores[method].mean(), default=BASELINE)
-    return Verdict(best, lines)
+    return ComparisonVerdict(best, lines)
 
 
 def _table(trials: pd.DataFrame) -> pd.DataFrame:

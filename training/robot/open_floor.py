@@ -89,7 +89,7 @@ def courses(robot: Robot) -> List[World]:
     ]
 
 
-class Floor:
+class OpenFloor:
     """Open floor in the kinematic simulator, on which a robot drives with its default parameters.
 
     Args:
@@ -113,7 +113,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     lines: List[str] = []
     driving = "driving on open floor (compiles kernels the first time, about a minute)"
     with announced(driving, show):
-        floor = Floor(robot)
+        floor = OpenFloor(robot)
         for world in courses(robot):
             drive = floor.drive(world)
             failure = failure_of(drive)
@@ -151,7 +151,7 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
     def succeeds(changed: Robot) -> bool:
         if not _is_within_space(changed):
             return False
-        floor = Floor(changed)
+        floor = OpenFloor(changed)
         # A change that does not help is noticed soonest on the courses that failed.
         first = sorted(courses(changed), key=lambda world: world.name not in failed)
         return not any(failure_of(floor.drive(world)) for world in first)

@@ -28,12 +28,12 @@ from training.common.folders import make_folder
 from training.env.settings import CHALLENGE
 from training.evaluate.runner import content, content_of_worlds, world_list
 from training.evaluate.score import AIMS
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.verdict import SET
 from training.robot import open_floor
 from training.robot.open_floor import show
 from training.tune.best_set import best_set, drives_of, search_space, warm_starts
-from training.tune.clock import Clock
+from training.tune.clock import SearchClock
 from training.tune.found_set import Judgement, changes, judged, scope, write_set
 from training.tune.options import TuneOptions, check_maps, split
 
@@ -73,8 +73,8 @@ def run(options: TuneOptions) -> int:
         "starts": starts.tolist(),
     }
     table_folder = run_folder / f"search-{sha256(json.dumps(identity))[:8]}"
-    with continuable(), Trials(table_folder, identity) as table:
-        clock = Clock(table, f"readings_{options.for_}", 60.0 * options.minutes)
+    with continuable(), TrialTable(table_folder, identity) as table:
+        clock = SearchClock(table, f"readings_{options.for_}", 60.0 * options.minutes)
         theta, effects = best_set(options, settings, worlds, starts, table, clock)
 
         # A set consists of the parameters that differ from the defaults.

@@ -29,10 +29,10 @@ from training.evaluate.drive import drive
 from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialWorld, run
 from training.evaluate.score import AIMS, Baseline
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial
 from training.robot.open_floor import show
-from training.tune.clock import Clock
+from training.tune.clock import SearchClock
 from training.tune.options import TuneOptions
 from training.tune.search import (
     Block,
@@ -108,7 +108,7 @@ class Driver:
         settings: TrialSettings,
         worlds: Sequence[Tuple[str, str]],
         pool: Pool,
-        table: Trials,
+        table: TrialTable,
     ):
         self._settings = settings
         self._worlds = worlds
@@ -183,8 +183,8 @@ def best_set(
     settings: TrialSettings,
     worlds: Sequence[TrialWorld],
     first: np.ndarray,
-    table: Trials,
-    clock: Clock,
+    table: TrialTable,
+    clock: SearchClock,
 ) -> Tuple[np.ndarray, Dict[str, Effect]]:
     """Return the best set (n,) of search_space(), and the effect of each changed parameter.
 

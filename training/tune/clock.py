@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from typing import Iterable, Iterator, List, TypeVar
 
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 
 T = TypeVar("T")
 
 
-class Clock:
+class SearchClock:
     """Wall time of a search over all its sessions.
 
     The table of trials stores each reading. A continued search therefore repeats its decisions,
@@ -22,7 +22,7 @@ class Clock:
         seconds: Time budget of the whole search [s].
     """
 
-    def __init__(self, table: Trials, name: str, seconds: float):
+    def __init__(self, table: TrialTable, name: str, seconds: float):
         self._table = table
         self._name = name
         self._seconds = seconds

@@ -23,7 +23,7 @@ from training.evaluate.loaded import move_base_parameters
 from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
-from training.evaluate.verdict import SET, Verdict, paired_trials, verdict
+from training.evaluate.verdict import SET, ComparisonVerdict, paired_trials, verdict
 from training.tune.best_set import search_space
 from training.tune.options import TuneOptions
 from training.tune.search import Effect
@@ -78,7 +78,7 @@ def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: P
     write_bytes(as_yaml, (file_head + yaml.safe_dump(start_up)).encode())
 
 
-def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Verdict:
+def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> ComparisonVerdict:
     """Drive the default parameters and the tuned parameter set in `worlds`, and compare them.
 
     Args:

@@ -11,7 +11,7 @@ from applr_ros1.why.alternatives import Alternative
 from applr_ros1.why.answer import best_guess, certainty_of, indented, sentence, what_happened
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import ASKED, Event
-from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
+from training.why.whole_drives import SAME_PLACE_M, Tried, WholeDriveTrials
 
 LISTED = 4  # number of further events, and of rows of what was tried
 STOPS_S = 1.0  # time without motion that counts as a stop of a simulated drive [s]
@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
     diagnosis: Diagnosis
     guesses: Sequence[Alternative] = ()
-    trials: Optional[Trials] = None
+    trials: Optional[WholeDriveTrials] = None
 
 
 def lines_of(answer: Answer) -> List[str]:

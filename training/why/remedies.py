@@ -20,7 +20,7 @@ from training.why.candidates import (
     with_changes,
 )
 from training.why.seen_world import seen_grid, seen_world
-from training.why.whole_drives import ROUND, Course, Trials, limit_of, try_out
+from training.why.whole_drives import ROUND, DriveConditions, WholeDriveTrials, limit_of, try_out
 from training.workers.pool import Pool
 
 CANDIDATES = 12  # number of candidates that are driven
@@ -31,7 +31,7 @@ ARRIVED_M = 1.5  # distance from the goal at the end of a drive that arrived [m,
 
 def driven_trials(
     diagnosis: Diagnosis, guesses: Sequence[Alternative], pool: Pool
-) -> Optional[Trials]:
+) -> Optional[WholeDriveTrials]:
     """Drive with the recorded values and with candidates.
 
     Args:
@@ -66,14 +66,14 @@ def driven_trials(
     dx, dy = odometry.pose[last_row, :2] - goal[:2]
     if np.hypot(dx, dy) > ARRIVED_M * replay.robot.world_scale:
         seconds = np.inf
-    course = Course(
+    conditions = DriveConditions(
         robot=robot,
         world=seen_world(seen_grid(replay.recording), drive.name, (x, y, yaw), goal),
         has_monitor=drive.planned is not drive.commands,
         limit=limit_of(seconds),
         ends_at_tolerance=longest_event.kind != AT_GOAL,
     )
-    return try_out(course, candidates(replay, guesses, robot), pool)
+    return try_out(conditions, candidates(replay, guesses, robot), pool)
 
 
 def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> List[Candidate]:

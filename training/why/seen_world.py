@@ -29,7 +29,7 @@ HIT_SHARE = 0.3  # least share of them among the beams that reach the cell
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
 
 
-class Rays(NamedTuple):
+class DriveBeams(NamedTuple):
     """Beams of a drive in the odometry frame.
 
     Attributes:
@@ -115,7 +115,7 @@ def write_map(grid: Grid, path: str) -> None:
     write_bytes(path, yaml.safe_dump(map_fields, sort_keys=False).encode())
 
 
-def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
+def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> DriveBeams:
     """Return beams of scans that are evenly spread over a drive."""
     chosen_rows = np.linspace(0, len(scans) - 1, SCANS).astype(int)
     rays_by_scan = []
@@ -123,10 +123,10 @@ def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
         rays_by_scan.append(_rays_of(scans, int(scan_row), odometry, laser_pose))
     # The beams of all scans, one after the other
     origins, directions, lengths, hits = map(np.concatenate, zip(*rays_by_scan))
-    return Rays(origins, directions, lengths, hits)
+    return DriveBeams(origins, directions, lengths, hits)
 
 
-def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> Rays:
+def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> DriveBeams:
     """Return beams of one scan."""
     first_angle, increment, range_min, range_max = scans.fan[row]
     # Neighbouring beams of a fine scan end in the same cells.
@@ -147,7 +147,7 @@ def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> Rays
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     lengths = np.where(is_return, ranges, range_max)
     origins = np.broadcast_to(origin, directions.shape)
-    return Rays(
+    return DriveBeams(
         origins=origins[is_valid],
         directions=directions[is_valid],
         lengths=lengths[is_valid],
@@ -168,7 +168,7 @@ def _raster_around(points: np.ndarray) -> Raster:
     return Raster(corner, (rows, columns))
 
 
-def _passed(rays: Rays, raster: Raster) -> np.ndarray:
+def _passed(rays: DriveBeams, raster: Raster) -> np.ndarray:
     """Return how many beams pass through each cell (ny, nx) before they end."""
     beam_counts = np.zeros(raster.shape, int)
     # The last cell belongs to the end of a beam.

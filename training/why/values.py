@@ -12,7 +12,7 @@ from applr_ros1.why.answer import headline
 from applr_ros1.why.events import Event
 from applr_ros1.why.explanation import Explanation
 from training.why.answer import Answer, advice, how_sure, lines_of
-from training.why.whole_drives import Trials, Tried
+from training.why.whole_drives import Tried, WholeDriveTrials
 
 SCANS = 60  # number of scans in a page's map
 CELL_M = 0.05  # distance of its points [m]
@@ -59,7 +59,7 @@ def values_of(answer: Answer) -> Dict[str, Any]:
     }
 
 
-def _trials_values(trials: Optional[Trials]) -> Dict[str, Any]:
+def _trials_values(trials: Optional[WholeDriveTrials]) -> Dict[str, Any]:
     """Return remedies and all that was driven as JSON values."""
     if trials is None:
         return {"remedies": [], "tried": [], "recorded": None}

@@ -51,7 +51,7 @@ RANDOM: Dict[str, Any] = {  # deviations of a drive from the nominal robot
 }
 
 
-class Course(NamedTuple):
+class DriveConditions(NamedTuple):
     """Conditions that all whole drives share.
 
     Attributes:
@@ -120,7 +120,7 @@ class Tried(NamedTuple):
         return result_in_words
 
 
-class Trials(NamedTuple):
+class WholeDriveTrials(NamedTuple):
     """Result of all whole drives.
 
     Attributes:
@@ -144,29 +144,31 @@ def limit_of(seconds: float) -> float:
     return min(max(SLOWEST * seconds, SHORTEST_LIMIT_S), LONGEST_LIMIT_S)
 
 
-def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: float) -> Arrival:
+def drive_once(
+    conditions: DriveConditions, changes: Sequence[Change], seed: int, to_beat: float
+) -> Arrival:
     """Drive a course with changed values, at most for the time to beat [s].
 
     Raises ApplrError for values that move_base refuses.
     """
-    robot = course.robot
+    robot = conditions.robot
     if changes:
         robot = with_changes(robot, changes, robot.name)
-    limit = min(course.limit, float(np.ceil(to_beat)))
+    limit = min(conditions.limit, float(np.ceil(to_beat)))
     stack = Stack(
         robot,
         MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed),
-        monitor=course.has_monitor,
-        escapes=course.has_monitor,
+        monitor=conditions.has_monitor,
+        escapes=conditions.has_monitor,
     )
     simulator = sim_bridge.make("kinematic", robot=robot, **RANDOM)
     rules = Rules(
         end_on_contact=True,
-        ends_at_tolerance=course.ends_at_tolerance,
+        ends_at_tolerance=conditions.ends_at_tolerance,
         limit=limit,
     )
     # The values in the files stay, even outside the ranges of robot.yaml: nobody decides.
-    driven = simulate.drive(SimulatedRobot(simulator, stack), course.world, seed, rules=rules)
+    driven = simulate.drive(SimulatedRobot(simulator, stack), conditions.world, seed, rules=rules)
     truth = driven.truth
     assert truth is not None
     goal = driven.goals[-1]
@@ -176,20 +178,22 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
     path = np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32)
     return Arrival(
         success=success,
-        seconds=goal.end if success else course.limit,
-        is_slow=is_timeout and limit < course.limit,
+        seconds=goal.end if success else conditions.limit,
+        is_slow=is_timeout and limit < conditions.limit,
         path=path,
     )
 
 
-def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Trials:
+def try_out(
+    conditions: DriveConditions, candidates: Sequence[Candidate], pool: Pool
+) -> WholeDriveTrials:
     """Drive with the recorded values and with candidates.
 
     All candidates drive once, the best ones with more seeds, and the best of these are judged with
     seeds that chose nothing, one after the other until one is a remedy. A drive that is not faster
     than with the recorded values, or much slower than with another candidate, is broken off.
     """
-    recorded = Tried(None, _drive(course, [None], CHOOSING, pool)[None])
+    recorded = Tried(None, _drive(conditions, [None], CHOOSING, pool)[None])
     to_beat = {}
     for seed, arrival in zip(CHOOSING, recorded.drives):
         to_beat[seed] = arrival.seconds
@@ -200,13 +204,17 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     fastest = to_beat[first_seed]
     for group_begin in range(0, len(candidates), ROUND):
         candidate_group = candidates[group_begin : group_begin + ROUND]
-        drives.update(_drive(course, candidate_group, [first_seed], pool, {first_seed: fastest}))
+        drives.update(
+            _drive(conditions, candidate_group, [first_seed], pool, {first_seed: fastest})
+        )
         for (arrival,) in drives.values():
             fastest = min(fastest, BEHIND * arrival.seconds)
 
     # The best ones drive with the other seeds.
     best_candidates = _ranked(drives)[:CHOSEN]
-    for candidate, arrivals in _drive(course, best_candidates, CHOOSING[1:], pool, to_beat).items():
+    for candidate, arrivals in _drive(
+        conditions, best_candidates, CHOOSING[1:], pool, to_beat
+    ).items():
         drives[candidate] += arrivals
     tried = [Tried(candidate, drives[candidate]) for candidate in _ranked(drives)]
     finalists = []
@@ -217,25 +225,25 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     # The best of several looks better than it is, so that other seeds judge it.
     confirming: Drives = {}
     judged = []
-    for candidate in _preferred(finalists, course.robot)[:JUDGED]:
+    for candidate in _preferred(finalists, conditions.robot)[:JUDGED]:
         undriven: List[Optional[Candidate]] = [candidate]
         # The recorded values drive once, with the first candidate that is judged.
         if None not in confirming:
             undriven.append(None)
-        confirming.update(_drive(course, undriven, CONFIRMING, pool))
+        confirming.update(_drive(conditions, undriven, CONFIRMING, pool))
         recorded = Tried(None, confirming[None])
         remedy = Tried(candidate, confirming[candidate])
         judged.append(remedy)
         if _is_better(remedy, recorded) and _is_never_slower(remedy, recorded):
-            return Trials(recorded, remedy, tried, judged)
-    return Trials(recorded, None, tried, judged)
+            return WholeDriveTrials(recorded, remedy, tried, judged)
+    return WholeDriveTrials(recorded, None, tried, judged)
 
 
 Drives = Dict[Optional[Candidate], List[Arrival]]
 
 
 def _drive(
-    course: Course,
+    conditions: DriveConditions,
     candidates: Sequence[Optional[Candidate]],
     seeds: Sequence[int],
     pool: Pool,
@@ -244,7 +252,7 @@ def _drive(
     """Return the drives of candidates with seeds. A candidate that move_base refuses is left out.
 
     Args:
-        course: What all drives share.
+        conditions: What all drives share.
         candidates: Candidates; None for the recorded values.
         seeds: Seeds of each.
         pool: Workers.
@@ -256,7 +264,9 @@ def _drive(
         changes = candidate.changes if candidate else ()
         for seed in seeds:
             limit = to_beat.get(seed, math.inf)
-            drive_calls.append((candidate, pool.submit(drive_once, course, changes, seed, limit)))
+            drive_calls.append(
+                (candidate, pool.submit(drive_once, conditions, changes, seed, limit))
+            )
     drives: Drives = {}
     for candidate in candidates:
         drives[candidate] = []

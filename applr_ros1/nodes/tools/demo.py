@@ -44,7 +44,7 @@ from applr_ros1.drives.drive import (
     Goal,
 )
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED, ended_early, in_full
-from applr_ros1.drives.page import Scene, Shown, contact_note, page, verdict_of
+from applr_ros1.drives.page import PageScene, Shown, contact_note, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES, Reading, pose_stamped, reading_of
@@ -256,7 +256,7 @@ def _page(
         methods=[result["method"]],
         space=space,
         outline=outline,
-        scenes=[Scene(world.name, world, [Shown(0, 0, drive)], begins)],
+        scenes=[PageScene(world.name, world, [Shown(0, 0, drive)], begins)],
         units={name: declaration(robot, name).unit for name in space.names},
         measured=["Simulator {simulator}, seed {seed}; ".format(**result) + distance_note + "."],
     )

@@ -16,7 +16,7 @@ from tests.support.training import episode
 from training.env.trajectory import TransitionLayout
 from training.evaluate.periodic import PeriodicEvaluation
 from training.evaluate.stored import Results
-from training.evaluate.table import Trials, read_trace, trace_name
+from training.evaluate.table import TrialTable, read_trace, trace_name
 from training.train.learner.config import LearnerOptions, parse
 from training.train.learner.learner import Learner
 from training.train.replay import dataset
@@ -54,7 +54,7 @@ def whole(tmp_path):
 def is_read(folder):
     """Read all files of a folder but the traces and config.json."""
     results = Results(folder)
-    with Trials(folder, {}):
+    with TrialTable(folder, {}):
         pass
     rounds = PeriodicEvaluation(folder, [], 1, 0).history
     episodes = list(dataset.Dataset(folder).trajectories())

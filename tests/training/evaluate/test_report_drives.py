@@ -14,7 +14,7 @@ from tests.support.pages import data_of
 from tests.support.runs import SETTINGS
 from training.evaluate import drives_page
 from training.evaluate.report import write
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, plan_trials
 
 # Six seconds at 20 Hz on a curve; the numbers are arbitrary, but no two rows are alike.
@@ -52,7 +52,7 @@ def folder(tmp_path):
         world_specs=[WORLD],
         robot=robot,
     )
-    store = Trials(tmp_path, settings)
+    store = TrialTable(tmp_path, settings)
     for trial in plan:
         result = Result(
             time_s=6.1,

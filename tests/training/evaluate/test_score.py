@@ -21,7 +21,7 @@ from training.env.settings import TrialSettings
 from training.evaluate import runner, score
 from training.evaluate.periodic import CHOOSING, THETA0, PeriodicEvaluation
 from training.evaluate.stored import Results
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import POLICY, Result, plan_trials
 from training.evaluate.verdict import paired_trials
 from training.train.td3.td3 import TD3, TD3Options
@@ -64,7 +64,7 @@ def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path)
         "worlds": ["generated:1"],
         "world_specs": ["generated:1"],
     }
-    table = Trials(tmp_path, settings)
+    table = TrialTable(tmp_path, settings)
     for trial, result in driven.items():
         table.add(trial, result)
     reported_scores = score.mean_scores(Results(tmp_path).trials)

@@ -31,7 +31,7 @@ from training.env.settings import TrialSettings
 from training.evaluate import __main__ as evaluate
 from training.evaluate import runner
 from training.evaluate.evaluation import EvaluationOptions
-from training.evaluate.table import Trials, read_trace, read_trials
+from training.evaluate.table import TrialTable, read_trace, read_trials
 from training.evaluate.trial import Result, Trial, plan_trials, seed_of
 
 # Columns that scripts of users rely on: new ones come after these.
@@ -179,7 +179,7 @@ def _rows(folder):
 def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
     plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
     for begin in (0, 3):  # a second session continues
-        with Trials(tmp_path, {}) as table:
+        with TrialTable(tmp_path, {}) as table:
             assert len(table.missing(plan)) == len(plan) - begin
             for task in plan[::-1][begin : begin + 3]:
                 table.add(task, Result(time_s=math.pi, path_length_m=1.0))
@@ -207,7 +207,7 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
         contact_speed=0.25,
     )
     stored_result = replace(driven_result, time_s=3.1416)
-    with Trials(tmp_path, {}) as table:
+    with TrialTable(tmp_path, {}) as table:
         assert table.add(first_task, driven_result) == stored_result
         assert table.add(second_task, driven_result) == stored_result
         table.note(looks=[0.1])
@@ -215,12 +215,12 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
     # The end of the last row is missing, as after a loss of power.
     table_file = tmp_path / "trials.csv"
     table_file.write_bytes(table_file.read_bytes()[:-3])
-    with Trials(tmp_path, {}) as table:
+    with TrialTable(tmp_path, {}) as table:
         assert table.notes == {"looks": [0.1]}
         assert table.result(first_task) == stored_result
         assert table.missing(plan) == [second_task]
         assert table.add(second_task, driven_result) == table.result(second_task)
-    with Trials(tmp_path, {}) as table:
+    with TrialTable(tmp_path, {}) as table:
         assert table.result(second_task) == stored_result
 
 
@@ -237,7 +237,7 @@ def test_more_trials_only_append(tmp_path, run, refused):
 
 def test_a_table_is_read_as_pandas_reads_it(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
-    with Trials(tmp_path, {"seed": 0}) as table:
+    with TrialTable(tmp_path, {"seed": 0}) as table:
         for task in plan:
             table.add(task, Result(time_s=1.0, contact_speed=0.3))
     table_file = tmp_path / "trials.csv"
@@ -376,9 +376,9 @@ def test_traces_are_stored_beside_the_table(tmp_path):
         decided=[0.0],
     )
     plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
-    with Trials(tmp_path, {"worlds": ["generated:0"]}) as table:
+    with TrialTable(tmp_path, {"worlds": ["generated:0"]}) as table:
         with pytest.raises(ApplrError, match="another"):
-            Trials(tmp_path, {"worlds": ["generated:0"]})
+            TrialTable(tmp_path, {"worlds": ["generated:0"]})
         table.add(plan[0], Result(time_s=1.0), drive.pack())
     assert read_trace(tmp_path, "generated:0", "dwa", 0).truth.pose.shape == (2, 3)
     assert read_trace(tmp_path, "generated:0", "dwa", 1) is None
@@ -386,7 +386,7 @@ def test_traces_are_stored_beside_the_table(tmp_path):
 
 def test_a_table_of_an_older_version_has_no_speeds_of_contacts(tmp_path):
     (task,) = plan_trials([("w", "w")], [("m", "m")], 1, seed=0)
-    with Trials(tmp_path, {}) as table:
+    with TrialTable(tmp_path, {}) as table:
         table.add(task, Result(time_s=1.0, collided=True, contact_speed=0.3))
     table_file = tmp_path / "trials.csv"
     header, row = table_file.read_text().splitlines()
@@ -394,7 +394,7 @@ def test_a_table_of_an_older_version_has_no_speeds_of_contacts(tmp_path):
     row = row.rpartition(",0.3")[0]
     table_file.write_text(f"{header}\n{row}\n")
 
-    with Trials(tmp_path, {}) as table:
+    with TrialTable(tmp_path, {}) as table:
         result = table.result(task)
     assert result.collided
     assert math.isnan(result.contact_speed)

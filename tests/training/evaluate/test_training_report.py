@@ -21,7 +21,7 @@ from training.evaluate.compare import LEVEL, compare, over_worlds, rate, wilson
 from training.evaluate.profiles import LIMITS, profiles
 from training.evaluate.report import summary, write
 from training.evaluate.stored import Results
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.tables import Table
 from training.evaluate.trial import Result, plan_trials
 from worlds import load as load_world
@@ -108,7 +108,7 @@ def folder(tmp_path_factory):
         seed=0,
         methods=methods,
     )
-    store = Trials(evaluation_folder, settings)
+    store = TrialTable(evaluation_folder, settings)
     rng = np.random.default_rng(1)
     for trial in plan_trials(named(*worlds), named(*METHODS), trials=6, seed=0):
         mean_s = RELATIVE_TIMES[trial.method] * (20.0 + 0.4 * worlds.index(trial.world))
@@ -251,7 +251,7 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     worlds = [f"generated:{number}" for number in range(1, 7)]
     hard_world, *easy_worlds = worlds  # The baseline fails in the first world, too.
     methods = [("dwa", "dwa"), ("crash", "dwa")]
-    store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
+    store = TrialTable(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan_trials(named(*worlds), methods, trials=2, seed=0):
         result = replace(
             NOT_MEASURED,
@@ -380,14 +380,14 @@ def test_keys_choose_a_profile_and_move_along_it(folder):
 
 def test_without_traces_there_is_no_profile(tmp_path):
     (trial,) = plan_trials([("house", "generated:7")], [("mine", "dwa")], trials=1, seed=0)
-    store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
+    store = TrialTable(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
     store.add(trial, replace(NOT_MEASURED, success=True, time_s=9.0))
     assert profiles(Results(tmp_path)) == {}
 
 
 def test_report_of_one_method_and_one_world(tmp_path):
     (trial,) = plan_trials([("house", "generated:7")], [("mine", "dwa")], trials=1, seed=0)
-    store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
+    store = TrialTable(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
     result = replace(
         NOT_MEASURED,
         collided=True,

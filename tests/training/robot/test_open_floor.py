@@ -15,7 +15,7 @@ from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
 from training.robot import open_floor
 from training.robot.failure import STANDS, failure_of
-from training.robot.open_floor import Floor, courses
+from training.robot.open_floor import OpenFloor, courses
 from training.robot.single_changes import single_candidates
 from training.why.candidates import with_changes
 
@@ -77,13 +77,13 @@ def test_the_reason_of_a_failed_drive_is_reported(file, old, new, course, why, t
     edited_file.write_text(content)
     robot = read(str(folder))
     world = courses(robot)[course]
-    assert why in failure_of(Floor(robot).drive(world))
+    assert why in failure_of(OpenFloor(robot).drive(world))
 
 
 def test_slipping_wheels_are_reported():
     """With hardly any friction the wheels turn, and the robot moves a small part of their way."""
     straight, *_ = courses(BURGER)
-    drive = Floor(BURGER, friction=0.001).drive(straight)
+    drive = OpenFloor(BURGER, friction=0.001).drive(straight)
     failure = failure_of(drive)
     assert failure.startswith("the odometry arrived, the robot did not: its wheels slipped by 2.")
     assert failure.endswith("over 2.1 m")
@@ -98,7 +98,7 @@ CANNOT_TURN = {
 
 def drives(robot, worlds):
     """Return for each course whether the robot drives it."""
-    floor = Floor(robot)
+    floor = OpenFloor(robot)
     successes = []
     for world in worlds:
         failure = failure_of(floor.drive(world))
@@ -114,7 +114,7 @@ def test_a_robot_without_faults_drives_all_courses():
 def test_the_turn_on_the_spot_takes_the_time_of_a_turn():
     """Position and goal are the same, so that only the heading is still to be reached."""
     _, turn_course, *_ = courses(BURGER)
-    drive = Floor(BURGER).drive(turn_course)
+    drive = OpenFloor(BURGER).drive(turn_course)
     assert failure_of(drive) == ""
     assert drive.goals[-1].end > np.pi / BURGER.base.max_yaw_rate
 
@@ -131,7 +131,7 @@ def test_a_goal_that_is_never_called_reached_fails_the_drive_straight_on():
     no_tolerance = {"DWAPlannerROS": {"yaw_goal_tolerance": 0.0}}
     robot = BURGER.with_parameters(no_tolerance, "burger that never arrives")
     straight, *_ = courses(robot)
-    assert failure_of(Floor(robot).drive(straight)).startswith(STANDS)
+    assert failure_of(OpenFloor(robot).drive(straight)).startswith(STANDS)
 
 
 def scaled_footprint(robot, factor):

@@ -12,7 +12,7 @@ from tests.support.seeds import examples
 from training.env.trajectory import Trajectory, TransitionLayout
 from training.train.learner.config import LearnerOptions
 from training.train.learner.learner import draw_batch
-from training.train.replay.buffer import Replay
+from training.train.replay.buffer import ReplayBuffer
 
 SMALL = TransitionLayout(scan=4, rest=2, action=2)
 BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
@@ -52,7 +52,7 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
     """Samples are compared with a list of episodes. The ring is overwritten several times."""
     # Given: episodes in a buffer, and where each of their observations is
     gamma = 0.9
-    replay = Replay(SMALL, capacity)
+    replay = ReplayBuffer(SMALL, capacity)
     origin_of = {}
     transition_count = 0
     for number, (length, terminated) in enumerate(lengths):
@@ -90,7 +90,7 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
 
 
 def test_every_transition_is_drawn_equally_often():
-    replay = Replay(SMALL, 100)
+    replay = ReplayBuffer(SMALL, 100)
     for number, length in enumerate((1, 2, 10)):
         replay.add(episode(length, number))
 
@@ -105,7 +105,7 @@ def test_every_transition_is_drawn_equally_often():
 
 
 def test_a_batch_has_the_transitions_of_its_rows():
-    replay = Replay(SMALL, 50)
+    replay = ReplayBuffer(SMALL, 50)
     trajectory = episode(5, terminated=True)
     replay.add(trajectory)
 
@@ -134,7 +134,7 @@ def batches(replay):
 
 
 def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
-    replay = Replay(SMALL, 50)
+    replay = ReplayBuffer(SMALL, 50)
     replay.add(episode(5, terminated=True))
     plain, mirrored = batches(replay)
     scan = slice(0, SMALL.scan)
@@ -153,7 +153,7 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
 
 
 def test_observations_without_a_scan_are_not_mirrored():
-    replay = Replay(TransitionLayout(scan=0, rest=1, action=1), 50)
+    replay = ReplayBuffer(TransitionLayout(scan=0, rest=1, action=1), 50)
     replay.add(training.episode(replay.layout, 0, 5))
     plain, mirrored = batches(replay)
     np.testing.assert_array_equal(mirrored.observation, plain.observation)
@@ -180,4 +180,4 @@ def test_a_replay_buffer_larger_than_memory_is_refused(monkeypatch):
     monkeypatch.setattr("training.train.replay.buffer.os.sysconf", memory_pages.__getitem__)
     line = r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give"
     with pytest.raises(ValueError, match=line):
-        Replay(TransitionLayout(), 10**8)
+        ReplayBuffer(TransitionLayout(), 10**8)

@@ -29,7 +29,7 @@ from tests.support.pages import data_of
 from training.evaluate import evaluation
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.score import AIMS, Baseline
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial
 from training.tune import __main__ as tune_robot
 from training.tune import best_set, found_set
@@ -285,14 +285,14 @@ def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_
         return blocks
 
     # The third block begins at 40 s. Once the time is over, one block is driven all the same.
-    table = Trials(tmp_path, {})
-    clock = clocks.Clock(table, "readings", 100.0)
+    table = TrialTable(tmp_path, {})
+    clock = clocks.SearchClock(table, "readings", 100.0)
     assert driven_blocks(clock) == [0, 1, 2]
     assert driven_blocks(clock) == [0]
 
     # A run that was stopped goes on at the readings it wrote, whatever the computer's clock shows.
     computer_time[0] = 1000.0
-    continued = clocks.Clock(table, "readings", 100.0)
+    continued = clocks.SearchClock(table, "readings", 100.0)
     assert list(continued.until(0.5, range(10))) == [0, 1, 2]
     assert list(continued.until(0.5, range(10))) == [0]
     computer_time[0] += 3.0
@@ -365,16 +365,16 @@ def test_a_robot_that_cannot_do_what_its_description_states_is_refused_before_an
 @pytest.mark.fault("19")
 def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
     # Ctrl-C after the sixth reading of the clock, in the middle of the search.
-    note = Trials.note
+    note = TrialTable.note
 
     def stop(table, **values):
         note(table, **values)
         if len(values.get("readings_fast", ())) == 6:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Trials, "note", stop)
+    monkeypatch.setattr(TrialTable, "note", stop)
     assert tune(jackal, "toy") == 130
-    monkeypatch.setattr(Trials, "note", note)
+    monkeypatch.setattr(TrialTable, "note", note)
     count_before = len(DRIVEN)
     assert count_before
     assert tune(jackal, "toy") == 0

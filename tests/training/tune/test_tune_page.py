@@ -9,7 +9,7 @@ from applr_ros1.robots import JACKAL
 from tests.support.browser import needs_browser, opened
 from tests.support.pages import data_of
 from tests.support.runs import SETTINGS
-from training.evaluate.table import Trials
+from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, plan_trials
 from training.tune.found_set import Judgement
 from training.tune.page import write
@@ -42,7 +42,7 @@ def drives(tmp_path):
     for monitor in ("with", "without"):
         plan = plan_trials(list(zip(WORLDS, WORLDS)), list(zip(TIMES, TIMES)), 1, seed=0)
         settings = dict(SETTINGS, worlds=WORLDS, world_specs=WORLDS)
-        with Trials(tmp_path / monitor, settings) as store:
+        with TrialTable(tmp_path / monitor, settings) as store:
             for trial in plan:
                 seconds = TIMES[trial.method][WORLDS.index(trial.world)]
                 result = Result(

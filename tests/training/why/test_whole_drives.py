@@ -29,7 +29,7 @@ from training.why.candidates import (
     with_changes,
 )
 from training.why.seen_world import seen_grid, seen_world, write_map
-from training.why.whole_drives import Arrival, Course, Trials, Tried, try_out
+from training.why.whole_drives import Arrival, DriveConditions, Tried, WholeDriveTrials, try_out
 from training.workers.pool import Pool
 from worlds.loading import load
 from worlds.map_reader import is_occupied, read_map
@@ -225,7 +225,7 @@ def course(door):
     start = (0.0, 0.0, np.pi / 2)
     goal = (0.0, 5.0, np.pi / 2)
     world = seen_world(seen_grid(Recording.of(drive, JACKAL)), "seen", start, goal)
-    return Course(robot, world, has_monitor=False, limit=25.0)
+    return DriveConditions(robot, world, has_monitor=False, limit=25.0)
 
 
 def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(course, monkeypatch):
@@ -442,7 +442,7 @@ def tried(candidate, *seconds, limit=25.0):
 
 def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_sure_it_is(replayed):
     remedy = tried(MENDED, 12.0, 13.0, 14.0)
-    trials = Trials(tried(None, 29.0, 29.0, 21.0), remedy, [remedy])
+    trials = WholeDriveTrials(tried(None, 29.0, 29.0, 21.0), remedy, [remedy])
     event_line, advice, certainty, *_ = answer.lines_of(diagnosed(replayed, trials))
     assert event_line == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
     assert advice == (
@@ -454,7 +454,7 @@ def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_su
 
 
 def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
-    no_remedy = Trials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
+    no_remedy = WholeDriveTrials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
     change = Change(PLANNER, "sim_time", 2.0, 1.0)
 
     def advice(trials, gain):
@@ -469,14 +469,14 @@ def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
 
     # A guess that was driven in vain is none.
     driven_guess = tried(Candidate((change,)), 12.0)
-    in_vain = Trials(tried(None, 12.0), None, [driven_guess])
+    in_vain = WholeDriveTrials(tried(None, 12.0), None, [driven_guess])
     assert advice(in_vain, gain=0.2) == "Nothing that was tried helped."
 
 
 def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed):
     chosen = tried(MENDED, 8.0, 8.0)
     judged = tried(MENDED, 12.0, 12.0, 9.0)
-    trials = Trials(tried(None, 12.0), None, [chosen], [judged])
+    trials = WholeDriveTrials(tried(None, 12.0), None, [chosen], [judged])
     lines = answer.lines_of(diagnosed(replayed, trials))
     assert lines[1] == "Nothing that was tried helped with each seed."
     assert lines[-1] == (
@@ -496,7 +496,7 @@ def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
-    trials = Trials(tried(None, 12.0), None, [])
+    trials = WholeDriveTrials(tried(None, 12.0), None, [])
     far_away = diagnosed(replayed, trials)
     far_away.diagnosis.events[0].place = (4.0, 4.0)
     assert "the robot does not stop there." in answer.how_sure(far_away)

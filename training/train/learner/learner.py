@@ -23,7 +23,7 @@ from applr_ros1.policy.actor import load
 from training.common.folders import make_folder
 from training.env.trajectory import Trajectory, TransitionLayout
 from training.train.learner.config import LearnerOptions
-from training.train.replay.buffer import Replay
+from training.train.replay.buffer import ReplayBuffer
 from training.train.replay.dataset import Dataset
 from training.train.td3.td3 import TD3, Batch, Weights
 
@@ -76,7 +76,7 @@ class Learner:
             mirror=layout.policy_mirror,
             hidden=layout.hidden,
         )
-        self.replay = Replay(layout, rows)
+        self.replay = ReplayBuffer(layout, rows)
         if dataset is not None:
             for trajectory in dataset.trajectories():
                 self.replay.add(trajectory)
@@ -242,7 +242,7 @@ def policy_network(path: str) -> Weights:
 
 
 def draw_batch(
-    replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device
+    replay: ReplayBuffer, rng: np.random.Generator, options: LearnerOptions, device: torch.device
 ) -> Batch:
     """Return a uniformly drawn batch for TD3.update.
 

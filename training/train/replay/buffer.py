@@ -20,7 +20,7 @@ COLUMNS = ("scan", "rest", "action", "reward", "end")  # names of the ring's arr
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3
 
 
-class Replay:
+class ReplayBuffer:
     """Ring of `capacity` rows, to which add() writes whole episodes: it never cuts the latest."""
 
     def __init__(self, layout: TransitionLayout, capacity: int):
