@@ -23,7 +23,7 @@ from . import wheels
 from .mechanics import STEP, mechanics
 from .records import Records, record, record_type
 from .simulator import SOON_S, RobotState, Simulator
-from .wheels import Triple, Vehicle
+from .wheels import Vector, Vehicle
 
 _MARGIN_M = 0.02  # distance below which contacts are tracked [m]
 _UNDONE_M_S = 1.0  # largest speed at which an overlap is resolved [m/s]
@@ -334,7 +334,7 @@ def _find_contacts(
 
 
 @kernel
-def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
+def _press(velocity: Vector, contacts: Records, vehicle: Vehicle) -> Vector:
     """Return the velocity (forward, leftward, yaw_rate) after the impulses of `contacts` (n,).
 
     Stores the impulses in the contacts.

@@ -27,7 +27,7 @@ _EDGE_MARGIN = 0.001
 _ARCSINE_REST = 0.4041297
 
 
-class Fan(NamedTuple):
+class BeamFan(NamedTuple):
     """Geometry of the beams of one laser."""
 
     first_angle: float  # [rad]
@@ -40,7 +40,7 @@ class Fan(NamedTuple):
 class LaserBeams(NamedTuple):
     """Beams of one laser."""
 
-    fan: Fan
+    fan: BeamFan
     cosines: Array  # (beams,) cosine and sine of each beam's angle
     sines: Array
 
@@ -100,7 +100,7 @@ def _fan(laser: Laser) -> Array:
     first_angle = laser.first_angle
     while first_angle > pi:  # Bearings from -pi to pi must lie at most one turn away from the fan.
         first_angle -= 2 * pi
-    fan = Fan(
+    fan = BeamFan(
         first_angle=first_angle,
         increment=laser.increment,
         beams_per_turn=round(2 * pi / laser.increment),
@@ -272,7 +272,7 @@ def _scan(
     (beams,) those of the beams' angles.
     """
     x, y, yaw = pose
-    fan = Fan(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4])
+    fan = BeamFan(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4])
     rays = LaserBeams(fan, cosines, sines)
     nearest = np.full(ranges.shape[0], fan.range_max)
     cos_yaw = np.cos(yaw)

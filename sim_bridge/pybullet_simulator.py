@@ -13,7 +13,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from applr_ros1.common.angles import Pose, Twist
+from applr_ros1.common.angles import Pose, Quaternion, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
@@ -24,11 +24,10 @@ from . import wheels
 from .mechanics import STEP, mechanics
 from .records import Records
 from .simulator import RobotState, Simulator
-from .wheels import Triple, Vehicle
+from .wheels import Vector, Vehicle
 
-Quaternion = Tuple[float, float, float, float]  # x, y, z, w
-Placement = Tuple[Triple, Quaternion]  # position [m] and attitude of the body's centre of mass
-Motion = Tuple[Triple, Triple]  # velocity [m/s] and angular velocity [rad/s] in the world frame
+BodyPlacement = Tuple[Vector, Quaternion]  # position [m] and attitude of the body's centre of mass
+BodyMotion = Tuple[Vector, Vector]  # velocity [m/s] and angular velocity [rad/s] in the world frame
 _CLOSING_M_S = 20.0  # largest closing speed of a moving obstacle and the robot [m/s]
 # Distance above which two bodies have no contact, Bullet's margin and penetration included [m]
 _MARGIN_M = 0.1
@@ -239,9 +238,9 @@ def _pull(
     command: Twist,
     table: Array,
     noise: Array,
-    placement: Placement,
-    motion: Motion,
-) -> Tuple[Triple, Triple, Triple, Tuple[float, float]]:
+    placement: BodyPlacement,
+    motion: BodyMotion,
+) -> Tuple[Vector, Vector, Vector, Tuple[float, float]]:
     """Simulate wheels and tyres for one step.
 
     Args:
@@ -301,7 +300,9 @@ def _pull(
 
 
 @kernel
-def _planar(vehicles: Records, placement: Placement, motion: Motion) -> Tuple[Pose, float, float]:
+def _planar(
+    vehicles: Records, placement: BodyPlacement, motion: BodyMotion
+) -> Tuple[Pose, float, float]:
     """Return pose and forward speed [m/s] of base_link, and the height of its z axis (1: level).
 
     `vehicles` is the record (1,) of a Vehicle, `placement` and `motion` are those of the body's

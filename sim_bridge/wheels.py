@@ -36,7 +36,8 @@ from applr_ros1.robots import Robot
 from .mechanics import LEFT_SIDE, RIGHT_SIDE, STEP, TABLE_INTERVALS, Constants, mechanics
 from .records import Records, record
 
-Triple = Tuple[float, float, float]
+# Components along the axes, or velocity: forward, leftward, turn rate
+Vector = Tuple[float, float, float]
 SIDES = 2  # number of the wheels' speed noises, left and right
 _KEEP_PULL = exp(-STEP / 0.02)  # decay of the filtered acceleration in a step; time constant 20 ms
 _JAM_SHARE = 0.1  # smallest ratio of a wheel's load to its contact force on Gazebo's ground
@@ -180,7 +181,7 @@ def _rims(v: float, w: float, table: Array, constants: Constants) -> Tuple[float
 
 
 @kernel(error_model="numpy", forceinline=True)
-def tyres(vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
+def tyres(vehicle: Vehicle, supports: Records, velocity: Vector) -> Vector:
     """Return the change of the body's velocity by tyres and casters in one step.
 
     Coulomb friction is smoothed below the tyres' creep speed, and solved implicitly for the
@@ -196,7 +197,7 @@ def tyres(vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
 
 
 @kernel(inline="always", error_model="numpy")
-def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
+def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Vector) -> Vector:
     """Return the result of tyres() for `n` supports.
 
     The unknown is the change d of the velocity. With drag = step * force / slip [kg] of each

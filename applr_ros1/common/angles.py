@@ -11,6 +11,7 @@ from typing import Any, Tuple
 
 import numpy as np
 
+Quaternion = Tuple[float, float, float, float]  # x, y, z, w
 Pose = Tuple[float, float, float]
 # Velocity of a base, measured or commanded: forward v [m/s] and turn rate w [rad/s]
 Twist = Tuple[float, float]
@@ -39,7 +40,7 @@ def yaw_of(q: Any) -> float:
     return math.atan2(sine, cosine)
 
 
-def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
+def quaternion_of(yaw: float) -> Quaternion:
     """Return the unit quaternion (x, y, z, w) of a rotation about z."""
     half_yaw = 0.5 * yaw
     return 0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)

@@ -14,14 +14,13 @@ from typing import Any, List, Optional, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, transform_point
+from applr_ros1.common.angles import Pose, Quaternion, compose, transform_point
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
 SHARED_S = 1.0  # time for which the latest cloud of another sensor on the same topic is kept [s]
-Quaternion = Tuple[float, float, float, float]
-Point = Tuple[float, float, float]
-Bounds = Tuple[np.float32, np.float32]
+Point3D = Tuple[float, float, float]
+RangeLimits = Tuple[np.float32, np.float32]
 
 
 @dataclass
@@ -50,7 +49,7 @@ class LaserScan:
     sensor_pose: Pose
     sensor_height: float = 0.0
     rotation: Optional[Quaternion] = None
-    origin: Optional[Point] = None
+    origin: Optional[Point3D] = None
     sweep: float = 0.0
     frame: str = ""
 
@@ -69,9 +68,9 @@ class SensorCloud:
 
     stamp: float
     points: Array32
-    position: Point
+    position: Point3D
     rotation: Quaternion
-    origin: Optional[Point] = None
+    origin: Optional[Point3D] = None
     frame: str = ""
 
 
@@ -83,7 +82,7 @@ class PointCloud:
     [m].
     """
 
-    origin: Point
+    origin: Point3D
     points: Array32
     stamp: float = 0.0
     frame: str = ""
@@ -227,9 +226,9 @@ def _place(
 def _project(
     ranges: Array32,
     directions: Array,
-    bounds: Bounds,
+    bounds: RangeLimits,
     inf_is_valid: bool,
-    origin: Point,
+    origin: Point3D,
     yaw: float,
     points: Array32,
 ) -> int:

@@ -24,7 +24,7 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.scan import LaserScan, Point, SensorCloud
+from applr_ros1.common.scan import LaserScan, Point3D, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 # Names of the states of a goal by their number, such as {3: "succeeded"}.
@@ -208,7 +208,7 @@ def _described_fields(cloud: Any) -> str:
     return f"has the fields {', '.join(descriptions)}"
 
 
-def point_of(transform: Any) -> Point:
+def point_of(transform: Any) -> Point3D:
     """Return the translation (x, y, z) of a geometry_msgs/Transform."""
     return transform.translation.x, transform.translation.y, transform.translation.z
 
@@ -225,7 +225,7 @@ def cos_tilt(quaternion: Tuple[float, float, float, float]) -> float:
 
 
 def laser_scan(
-    message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point] = None
+    message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point3D] = None
 ) -> LaserScan:
     """Convert a message whose ranges have been checked to the planner's scan.
 
@@ -271,7 +271,7 @@ def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarra
     return ranges[::-1], -last_angle
 
 
-def sensor_cloud(message: Any, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
+def sensor_cloud(message: Any, transform: Any, origin: Optional[Point3D] = None) -> SensorCloud:
     """Convert a sensor_msgs/PointCloud2 or PointCloud to the planner's cloud.
 
     Arguments and errors are those of laser_scan and points_of.

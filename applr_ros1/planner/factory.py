@@ -20,7 +20,7 @@ from applr_ros1.planner.parameters.declarations import namespace
 from applr_ros1.planner.parameters.layers import (
     INFLATION_LAYER,
     STATIC_LAYER,
-    Layer,
+    LayerSection,
     layers,
     sources,
 )
@@ -83,7 +83,9 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     )
 
 
-def _describe(layer: Layer, static: Dict[str, Any], current: Mapping[str, Any]) -> LayerDescription:
+def _describe(
+    layer: LayerSection, static: Dict[str, Any], current: Mapping[str, Any]
+) -> LayerDescription:
     """Return the description of a layer.
 
     Args:

@@ -104,9 +104,9 @@ def comparison(prefix: str) -> str:
 def critics() -> str:
     """Return the table of the critics of DWAPlannerROS."""
     from applr_ros1.planner.dwa.critics import rows
-    from applr_ros1.planner.dwa.critics.critic import Row
+    from applr_ros1.planner.dwa.critics.critic import CriticRow
 
-    return table(Row._fields, rows())
+    return table(CriticRow._fields, rows())
 
 
 def faults() -> str:

@@ -22,7 +22,7 @@ NOISE = 0.02  # standard deviation of the noise on ranges [m]
 # Number of consecutive instants held out together, because consecutive scans are nearly equal
 BLOCK = 40
 
-Weights = Dict[str, np.ndarray]
+ClassifierWeights = Dict[str, np.ndarray]
 
 
 def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
@@ -37,7 +37,7 @@ def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
 
 def train(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, layout: Layout = LAYOUT
-) -> Tuple[Weights, Dict[str, Optional[float]]]:
+) -> Tuple[ClassifierWeights, Dict[str, Optional[float]]]:
     """Train the network with augmented scans (mirrored, rotated, noisy).
 
     Args:
@@ -68,7 +68,7 @@ def train(
 
 def _fit(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout
-) -> Weights:
+) -> ClassifierWeights:
     """Return the weights of a network trained on scans (n, beams) with labels (n,)."""
     import torch  # takes seconds; --help does not import it
 
@@ -119,7 +119,7 @@ def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.n
     return np.asarray(noisy_scans, np.float32)
 
 
-def _accuracy(weights: Weights, scans: np.ndarray, labels: np.ndarray) -> float:
+def _accuracy(weights: ClassifierWeights, scans: np.ndarray, labels: np.ndarray) -> float:
     """Return the share of scans (n, beams) whose label (n,) a network finds."""
     scores = forward(layers_of(weights), scans)
     found_labels = np.argmax(scores, axis=1)

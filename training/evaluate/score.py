@@ -19,7 +19,7 @@ from training.evaluate.trial import Result
 if TYPE_CHECKING:
     import pandas as pd
 
-Cost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
+TrialCost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
 
 FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as, however early it failed [s]
 SECONDS_RULE = f"a failure costs {FAILURE_SECONDS:g} s"

@@ -25,7 +25,7 @@ from training.evaluate.stored import SETS, TEST, TRAINING, Results
 NONE = "–"  # cell without a value
 COMPARED_IN_PAPER = ("applr", "dwa")  # methods of the paper's Tables II and III
 NO_PAPER = (NONE, NONE)  # cells of other methods in these tables
-Rows = Iterator[Dict[str, str]]
+TableRows = Iterator[Dict[str, str]]
 
 
 class Table(NamedTuple):
@@ -76,7 +76,7 @@ def share(n: int, total: int) -> str:
 
 def table(
     title: str, *notes: str, of_paper: Sequence[str] = ()
-) -> Callable[[Callable[[Results], Rows]], Made]:
+) -> Callable[[Callable[[Results], TableRows]], Made]:
     """Return a decorator that turns a function that yields rows into one that makes a table.
 
     The table has the function's name. Columns whose names begin with "paper" are left out if no row
@@ -84,7 +84,7 @@ def table(
     out as well.
     """
 
-    def decorate(rows_of: Callable[[Results], Rows]) -> Made:
+    def decorate(rows_of: Callable[[Results], TableRows]) -> Made:
         def make(results: Results) -> Table:
             rows = pd.DataFrame(list(rows_of(results)))
             in_paper = rows.filter(regex="^paper")
@@ -176,7 +176,7 @@ def holm_adjusted(p: np.ndarray) -> np.ndarray:
         + paper.GAIN_SLIP,
     ),
 )
-def table_1(results: Results) -> Rows:
+def table_1(results: Results) -> TableRows:
     """Tabulate average traversal times, in seconds and in two-second decisions."""
     for set_name, method, trials in results.groups(results.methods):
         times = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
@@ -210,7 +210,7 @@ def table_1(results: Results) -> Rows:
     "which a method has fewer than two successes cannot be tested and counts for neither.",
     "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
 )
-def table_2(results: Results) -> Rows:
+def table_2(results: Results) -> TableRows:
     """Tabulate the Welch tests per world."""
     baseline = results.baseline
     for set_name, method, trials in results.groups(results.rivals):
@@ -238,7 +238,7 @@ def table_2(results: Results) -> Rows:
     "Thirds of all training and test worlds of this evaluation, by the baseline's score (Table I).",
     of_paper=("(*) " + paper.SWAP_SLIP,),
 )
-def table_3(results: Results) -> Rows:
+def table_3(results: Results) -> TableRows:
     """Tabulate the Welch tests by thirds of difficulty."""
     baseline = results.baseline
     thirds = results.thirds()
@@ -277,7 +277,7 @@ def table_3(results: Results) -> Rows:
     "course. Mean and standard deviation over the successful trials.",
     of_paper=("The paper's numbers are from the real robot, five trials each.",),
 )
-def table_4(results: Results) -> Rows:
+def table_4(results: Results) -> TableRows:
     """Tabulate the physical course, with the reasons of failures."""
     for method in results.methods:
         trials = results.of(method, ["physical_course"])
@@ -306,7 +306,7 @@ def table_4(results: Results) -> Rows:
     "trials in which the robot was faster than 0.1 m/s when it was first touched. BARN's metric is "
     "comparable with the Challenge's numbers only under --protocol barn-challenge.",
 )
-def rates(results: Results) -> Rows:
+def rates(results: Results) -> TableRows:
     """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
     for set_name, method, trials in results.groups(results.methods):
         metric = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m)
@@ -328,7 +328,7 @@ def rates(results: Results) -> Rows:
     "group. Faster in: number of worlds by Welch's test as in Table II, corrected by Holm over the "
     "worlds of the row.",
 )
-def pairs(results: Results) -> Rows:
+def pairs(results: Results) -> TableRows:
     """Tabulate every method against every other: paired over worlds, and world by world."""
     for set_name in SETS:
         worlds = results.of_set(set_name)
@@ -358,7 +358,7 @@ def pairs(results: Results) -> Rows:
 
 
 @table("Methods")
-def methods(results: Results) -> Rows:
+def methods(results: Results) -> TableRows:
     """Tabulate the methods, as recorded when they were driven."""
     for name in results.methods:
         parts = []

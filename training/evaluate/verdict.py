@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
 from training.evaluate.compare import LEVEL, Comparison, compare
-from training.evaluate.score import SECONDS_RULE, Cost, mean_scores, seconds
+from training.evaluate.score import SECONDS_RULE, TrialCost, mean_scores, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class ComparisonVerdict(NamedTuple):
 
 
 def paired_trials(
-    results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds
+    results: Mapping[Trial, Result], methods: Sequence[str], cost: TrialCost = seconds
 ) -> pd.DataFrame:
     """Return the trials of the courses that all methods have driven with the same seed.
 

@@ -27,7 +27,7 @@ from applr_ros1.planner.costmap.grid import (
     world_to_map,
 )
 
-Place = Tuple[float, float, float]  # origin x, y and resolution of a grid [m]
+GridPlace = Tuple[float, float, float]  # origin x, y and resolution of a grid [m]
 
 
 @dataclass(frozen=True)
@@ -236,9 +236,9 @@ class StaticLayer:
 @kernel
 def _write_part(
     cells: Data,
-    place: Place,
+    place: GridPlace,
     base: Data,
-    base_place: Place,
+    base_place: GridPlace,
     placement: Pose,
     use_maximum: bool,
     window: Window,

@@ -52,7 +52,7 @@ SHORTEST_PART = 3  # least number of moves between two probed poses
 AT_BORDER = -(1 << 40)
 
 
-class Cells(NamedTuple):
+class EndCells(NamedTuple):
     """Cells of a trajectory's last point and of its nose, forward_point_distance ahead."""
 
     end_x: int
@@ -69,7 +69,7 @@ class DWAFloodLimits(NamedTuple):
     front: int
 
 
-UNCERTAIN = Cells(AT_BORDER, AT_BORDER, AT_BORDER, AT_BORDER)
+UNCERTAIN = EndCells(AT_BORDER, AT_BORDER, AT_BORDER, AT_BORDER)
 NO_SAMPLE = DWAFloodLimits(-1, -1, -1)
 
 
@@ -108,7 +108,7 @@ def sure_end_cells(
     sample: Velocity,
     speed: float,
     steps: int,
-) -> Cells:
+) -> EndCells:
     """Return the last point's cell and its nose's, on or off the map.
 
     Uncertain indices are AT_BORDER.
@@ -133,13 +133,13 @@ def sure_end_cells(
     margin += abs(nose_offset) * turn_error * cells_per_metre
     nose_x = sure_cell(x_in_cells + nose_offset * end.heading.cos * cells_per_metre, margin)
     nose_y = sure_cell(y_in_cells + nose_offset * end.heading.sin * cells_per_metre, margin)
-    return Cells(end_x, end_y, nose_x, nose_y)
+    return EndCells(end_x, end_y, nose_x, nose_y)
 
 
 @kernel
 def exact_end_cells(
     p: Record, scene: DWAScene, start: Record, sample: Velocity, steps: int
-) -> Cells:
+) -> EndCells:
     """Return the last point's cell and its nose's, each (-1, -1) if off the map.
 
     The trajectory is computed step by step as in samples.roll_out.
@@ -161,7 +161,7 @@ def exact_end_cells(
         front_y = y + nose_offset * math.sin(theta)
     end_x, end_y = _cell(scene, x, y)
     nose_x, nose_y = _cell(scene, front_x, front_y)
-    return Cells(end_x, end_y, nose_x, nose_y)
+    return EndCells(end_x, end_y, nose_x, nose_y)
 
 
 @kernel(inline="always")

@@ -87,15 +87,15 @@ BEFORE_HYDRO = (
 )
 
 
-class Layer(NamedTuple):
-    """Layer of a costmap."""
+class LayerSection(NamedTuple):
+    """Section of a costmap's layer in the parameter tree."""
 
     path: str  # section in the parameter tree, such as "local_costmap/obstacle_layer"
     name: str
     kind: str  # one of TYPES
 
 
-def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
+def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[LayerSection]:
     """Return the layers of the costmap `name`, lowest first: all, or those of one kind.
 
     Layers whose type is not available are left out.
@@ -103,7 +103,7 @@ def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
     Raises:
         ParameterError: `plugins` is not a list of names and types, or a name occurs twice.
     """
-    available_layers: List[Layer] = []
+    available_layers: List[LayerSection] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         # C++ stops with an exception of XmlRpc here.
@@ -116,7 +116,7 @@ def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
             raise ParameterError(f"{problem}: give each a unique name")
         layer_kind = _kind(entry, costmap)
         if layer_kind:
-            available_layers.append(Layer(f"{name}/{layer_name}", layer_name, layer_kind))
+            available_layers.append(LayerSection(f"{name}/{layer_name}", layer_name, layer_kind))
     return [layer for layer in available_layers if kind in ("", layer.kind)]
 
 

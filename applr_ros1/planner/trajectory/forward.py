@@ -35,7 +35,7 @@ MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed
 SHORTEST_PART = 8  # least number of moves between two probed poses
 
 
-class Ground(NamedTuple):
+class MapGeometry(NamedTuple):
     """Geometry of the map, without its cells: numba counts references to arrays."""
 
     ox: float  # origin [m]
@@ -115,13 +115,13 @@ def exact_end(p: Record, start: Record, sample: Velocity, steps: int) -> Tuple[f
 
 @kernel(error_model="numpy")
 def end_cell(
-    p: Record, ground: Ground, start: Record, heading: Heading, sample: Velocity
+    p: Record, geometry: MapGeometry, start: Record, heading: Heading, sample: Velocity
 ) -> Tuple[int, int]:
     """Return the cell (x, y) of the sample's last point, (-1, -1) if off the map.
 
     heading: direction at the start.
     """
-    origin_x, origin_y, resolution, columns, rows = ground
+    origin_x, origin_y, resolution, columns, rows = geometry
     steps = step_count(p, sample)
     dt = p.sim_time / steps
     x = y = 0.0
@@ -219,7 +219,7 @@ def _bound(
     goal_distances = goal_grid.distance
     rows, columns = scene.cells.shape
     cell_count = columns * rows  # grid value of a wall; a distance is smaller
-    ground = Ground(scene.ox, scene.oy, scene.resolution, columns, rows)
+    geometry = MapGeometry(scene.ox, scene.oy, scene.resolution, columns, rows)
     # With these options only the obstacle term is known before the roll-out.
     by_distances = not p.simple_attractor and not p.heading_scoring
 
@@ -232,7 +232,7 @@ def _bound(
             base_cost = 0.0
             if by_distances:
                 sample = scoring.forward_sample(speeds, turn_rates, speed_number, turn_number)
-                cell_x, cell_y = end_cell(p, ground, start, heading, sample)
+                cell_x, cell_y = end_cell(p, geometry, start, heading, sample)
                 if cell_x < 0:
                     continue
                 end_index = place(path_grid, cell_x, cell_y)

@@ -25,7 +25,7 @@ from training.env.trajectory import Trajectory, TransitionLayout
 from training.train.learner.config import LearnerOptions
 from training.train.replay.buffer import ReplayBuffer
 from training.train.replay.dataset import Dataset
-from training.train.td3.td3 import TD3, Batch, Weights
+from training.train.td3.td3 import TD3, ActorWeights, Batch
 
 CHECKPOINT = "checkpoint.json"  # name of the file that names all other files of a checkpoint
 
@@ -225,7 +225,7 @@ class Learner:
             self.td3.load(torch.load(state_buffer, self.td3.device, weights_only=True))
 
 
-def policy_network(path: str) -> Weights:
+def policy_network(path: str) -> ActorWeights:
     """Return the first network of a policy file; the second may be its mirror image.
 
     Raises:

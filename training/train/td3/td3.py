@@ -38,7 +38,8 @@ INNER = 0.95
 SMALL_START = 0.01  # factor of begin_at() on the initial weights of the policy's last layer
 # Updates during which a policy of begin_with() is frozen: untrained critics would spoil it
 CRITIC_WARM_UP = 2000
-Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
+# "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
+ActorWeights = Dict[str, np.ndarray]
 
 
 class MLP(nn.ModuleList):
@@ -182,7 +183,7 @@ class TD3:
             last_layer.weight.mul_(SMALL_START)
             last_layer.bias.copy_(bias)
 
-    def begin_with(self, weights: Weights) -> None:
+    def begin_with(self, weights: ActorWeights) -> None:
         """Take over a policy's weights, and freeze the policy for the critic warm-up.
 
         Args:
@@ -267,7 +268,7 @@ class TD3:
         return {name: float(value) for name, value in self.losses.items()}
 
     # -- acting ------------------------------------------------------------------------------------
-    def actor_weights(self) -> Weights:
+    def actor_weights(self) -> ActorWeights:
         """Return a copy of the policy's weights, named as in policy/actor.py.
 
         The names are "0.weight" (512, 729), "0.bias", ... With options.symmetric, the policy and

@@ -19,7 +19,7 @@ from applr_ros1.planner.dwa.critics import (
     path,
     twirling,
 )
-from applr_ros1.planner.dwa.critics.critic import Row
+from applr_ros1.planner.dwa.critics.critic import CriticRow
 from applr_ros1.planner.dwa.records import DWAGrids, DWAScene
 from applr_ros1.planner.dwa.samples import ground_speed
 from applr_ros1.planner.sampling_planner import Record, Velocity
@@ -104,7 +104,7 @@ def lower_bound(p: Record, known: Record, velocity: Velocity) -> float:
     return cost
 
 
-def rows() -> Tuple[Row, ...]:
+def rows() -> Tuple[CriticRow, ...]:
     """Return the rows of all critics on the page, in the critics' order."""
     return (
         oscillation.ROW,

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class Row(NamedTuple):
+class CriticRow(NamedTuple):
     """Row of a critic in the table of docs/explanation/planner_dwa.md."""
 
     critic: str

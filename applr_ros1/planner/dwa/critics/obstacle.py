@@ -11,11 +11,11 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.dwa.critics.critic import COLLIDES, Row
+from applr_ros1.planner.dwa.critics.critic import COLLIDES, CriticRow
 from applr_ros1.planner.dwa.records import DWAScene
 from applr_ros1.planner.sampling_planner import Record
 
-ROW = Row(
+ROW = CriticRow(
     "obstacle",
     "`occdist_scale`",
     "largest cost under outline and centre (`sum_scores`: the points' sum)",

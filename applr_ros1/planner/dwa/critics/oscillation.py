@@ -9,10 +9,10 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import OSCILLATES, Row
+from applr_ros1.planner.dwa.critics.critic import OSCILLATES, CriticRow
 from applr_ros1.planner.sampling_planner import Record, Velocity
 
-ROW = Row("oscillation", "1", "0", "-5: barred by the flags of section 7")
+ROW = CriticRow("oscillation", "1", "0", "-5: barred by the flags of section 7")
 
 
 @kernel(inline="always")

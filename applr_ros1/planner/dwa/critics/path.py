@@ -2,12 +2,12 @@
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import Row
+from applr_ros1.planner.dwa.critics.critic import CriticRow
 from applr_ros1.planner.dwa.critics.distance import at_end
 from applr_ros1.planner.dwa.records import PATH, DWAGrids, DWAScene
 from applr_ros1.planner.sampling_planner import Record
 
-ROW = Row(
+ROW = CriticRow(
     "path",
     "path weight",
     "its grid at the last point",

@@ -1,10 +1,10 @@
 """Critic "twirling": the turn rate (TwirlingCostFunction)."""
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import Row
+from applr_ros1.planner.dwa.critics.critic import CriticRow
 from applr_ros1.planner.sampling_planner import Record, Velocity
 
-ROW = Row("twirling", "`twirling_scale`", "|w| of the trajectory's velocity", "nothing")
+ROW = CriticRow("twirling", "`twirling_scale`", "|w| of the trajectory's velocity", "nothing")
 
 
 @kernel(inline="always")
