@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as xml
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,7 @@ for name, module in {**COMMANDS, **NODES}.items():
     assert not ours or "usage" in output.getvalue(), output.getvalue()
     report(name)
 """
+PRODUCT = ("applr_ros1", "sim_bridge", "training", "worlds")
 NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
 
 
@@ -130,6 +132,26 @@ def test_the_robots_side_takes_generic_types_from_typing():
         if source_file.relative_to(ROOT).parts[0] in ("applr_ros1", "sim_bridge", "worlds"):
             source = source_file.read_text(encoding="utf-8")
             assert "collections.abc" not in source, f"{source_file}: import from typing"
+
+
+def test_no_two_classes_or_type_aliases_of_the_product_share_a_name():
+    places = defaultdict(list)
+    for folder in PRODUCT:
+        for source_file in sorted((ROOT / folder).rglob("*.py")):
+            for node in ast.walk(ast.parse(source_file.read_text(encoding="utf-8"))):
+                for name in classes_of(node):
+                    places[name.lstrip("_")].append(f"{source_file}:{node.lineno}")
+    shared = [(name, *where) for name, where in places.items() if len(where) > 1]
+    assert not shared, "name each after its owner: %s" % shared
+
+
+def classes_of(node):
+    """Return the class or the type alias that a syntax node defines. A TypeVar is neither."""
+    if isinstance(node, ast.ClassDef):
+        return [node.name]
+    if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Call):
+        return re.findall(r"^_?[A-Z]\w*[a-z]\w*$", ast.unparse(node.targets[0]))
+    return []
 
 
 def test_every_launch_argument_is_documented():
