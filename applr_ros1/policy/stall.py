@@ -162,11 +162,11 @@ class Stuck:
         """Forget all positions at the start of a course."""
         self._stall.reset()
         self._dead_end.reset()
-        self._begin_place: Optional[Tuple[float, float]] = None  # where it got stuck [m]
+        self._begin_place: Optional[Tuple[float, float]] = None  # place where it got stuck [m]
 
     @property
     def stands(self) -> bool:
-        """Whether the robot has stood for DEAD_END_S."""
+        """True if the robot has stood for DEAD_END_S."""
         return self._dead_end.stands
 
     def update(self, time: float, pose: Pose, v: float, leads_back: Optional[bool]) -> bool:
