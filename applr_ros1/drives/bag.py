@@ -6,7 +6,7 @@ The reader and the writer of bags (training/bags) call it. It needs neither ROS 
 import math
 from dataclasses import fields
 from operator import attrgetter
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence, Type
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from applr_ros1.drives.columns import (
     column_of,
 )
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, Goal, Rows
-from applr_ros1.drives.recorder import RowLog
 from applr_ros1.robots import Robot
 
 GLOBAL_PLANNER = "NavfnROS"  # name of the global planner under which routes are written
@@ -78,7 +77,7 @@ def drive_of(unpacked: Mapping[str, Sequence[UnpackedRow]], begin_time: int, rob
             continue
         drive.frames[column] = _frames(values_of_rows)
         if values_of_rows:
-            setattr(drive, column, _logged(kind, values_of_rows))
+            setattr(drive, column, _rows(kind, values_of_rows))
     # Events that have a time alone
     for column in ("contacts", "recoveries"):
         times = [row.time for row in unpacked.get(column, ())]
@@ -102,12 +101,15 @@ def _in_seconds(row: UnpackedRow, begin_time: int) -> Row:
     return values
 
 
-def _logged(kind: Any, values_of_rows: Sequence[Row]) -> Any:
+def _rows(kind: Type[Rows], values_of_rows: Sequence[Row]) -> Rows:
     """Return rows as an object of their class."""
-    log = RowLog(kind)
-    for values in values_of_rows:
-        log.append(**values)
-    return log.rows
+    columns: Dict[str, Any] = {}
+    for column in fields(kind):
+        entries = [values[column.name] for values in values_of_rows]
+        columns[column.name] = entries
+        if column.type is np.ndarray:
+            columns[column.name] = np.array(entries, np.float64)
+    return kind(**columns)
 
 
 def _frames(values_of_rows: Sequence[Row]) -> List[str]:

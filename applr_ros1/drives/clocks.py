@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import List, Protocol
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+
+TF_BUFFER_S = 10.0  # time for which tf keeps transforms [s]
 APART_S = 1.0  # difference of stamps from which on two clocks differ [s]
 
 
@@ -34,6 +37,20 @@ def scans_apart(scans: Stamped, odometry: Stamped) -> str:
     if abs(later) <= APART_S:
         return ""
     return f"{clocks_differ('scans are', later, 'the odometry')}; {one_clock('laser')}"
+
+
+def placed_late(scans: Stamped, odometry: Stamped) -> List[str]:
+    """Return notes on the stamps of scans, compared with those of the poses that place them.
+
+    Raises:
+        ApplrError: tf's buffer holds no poses for the scans, so that costmap_2d drops them.
+    """
+    apart = scans_apart(scans, odometry)
+    if not apart:
+        return []
+    if abs(stamped_later(scans, odometry)) > TF_BUFFER_S:
+        raise ApplrError(f"{apart}, or tf drops the scans")
+    return [apart]
 
 
 def one_clock(device: str) -> str:

@@ -1,4 +1,4 @@
-"""Places of a recorded drive's laser, base and plans' frame, as tf says."""
+"""Everything that tf says of a recorded drive: where its laser, its base and its plans are."""
 
 from __future__ import annotations
 
@@ -6,9 +6,18 @@ from typing import NamedTuple, Optional
 
 import numpy as np
 
+from applr_ros1.common.angles import normalize_angle_modulo
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import APART_S, stamped_later
-from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.drives.frames import FramePlacements, Link, Tree
+
+
+class Apart(NamedTuple):
+    """Largest distance [m] and angle [rad] between poses of two sources."""
+
+    distance: float
+    angle: float
 
 
 class PlacedBase(NamedTuple):
@@ -18,14 +27,26 @@ class PlacedBase(NamedTuple):
         link: Link with the most messages between the base and the drive's frame.
         later: By how much later the odometry is stamped than tf [s]; 0 if both have one clock.
         by_link: (m, 3) poses in the drive's frame at the link's messages.
-        by_topic: (n, 3) poses in the frame of the odometry topic at its messages; None if tf does
-            not connect it.
+        from_topic: How far the poses of the odometry topic are from those of tf in its frame; None
+            if tf does not connect it.
     """
 
     link: Link
     later: float
     by_link: np.ndarray
-    by_topic: Optional[np.ndarray]
+    from_topic: Optional[Apart]
+
+
+class RouteFrame(NamedTuple):
+    """Poses (x, y, yaw) of the drive's frame in that of the global planner's plans.
+
+    Attributes:
+        at_commands: (n, 3) poses at the times of the planner's commands.
+        at_routes: (m, 3) poses at the times of the plans.
+    """
+
+    at_commands: np.ndarray
+    at_routes: np.ndarray
 
 
 class Places(NamedTuple):
@@ -33,32 +54,52 @@ class Places(NamedTuple):
 
     Attributes:
         laser: Place of the laser on the robot; None if tf does not connect them.
-        base: Where the base is; None if nothing moves it.
+        routes: Frame of the global planner's plans; None if there are none, if it is the drive's,
+            or if tf does not connect it.
         is_framed: Whether tf connects the drive's frame with the base.
+        base: Where the base is; None if nothing moves it.
     """
 
     laser: Optional[FramePlacements]
-    base: Optional[PlacedBase]
+    routes: Optional[RouteFrame]
     is_framed: bool
+    base: Optional[PlacedBase]
 
 
-def places_of(drive: Drive, tree: Tree, odometry: Motion, scans: Scans, base: str) -> Places:
+def places_of(drive: Drive, planned: Commands, odometry: Motion, scans: Scans, base: str) -> Places:
     """Return what tf says of a drive, whose odometry and scans have one frame each.
 
     Args:
         drive: The drive. Its frame is that in which poses are wanted.
-        tree: Its frames.
+        planned: Its commands of the planner.
         odometry: Its odometry.
         scans: Its scans.
         base: Frame of the robot's base.
     """
+    tree = Tree(drive.transforms)
     (laser_frame,) = drive.frames["scans"]
     (topic_frame,) = drive.frames["odometry"]
     return Places(
         laser=tree.place(base, laser_frame, scans.stamp[:1]),
-        base=_placed_base(tree, odometry, topic_frame, drive.frame, base),
+        routes=route_frame(drive, tree, planned),
         is_framed=tree.place(drive.frame, base, np.zeros(1)) is not None,
+        base=_placed_base(tree, odometry, topic_frame, drive.frame, base),
     )
+
+
+def route_frame(drive: Drive, tree: Tree, planned: Commands) -> Optional[RouteFrame]:
+    """Return the frame of the global planner's plans (Places.routes)."""
+    routes = drive.routes
+    if routes is None:
+        return None
+    plan_frame = drive.frames["routes"][0]
+    if plan_frame == drive.frame:
+        return None
+    at_commands = tree.place(plan_frame, drive.frame, planned.time)
+    at_routes = tree.place(plan_frame, drive.frame, routes.time)
+    if at_commands is None or at_routes is None:
+        return None
+    return RouteFrame(at_commands.planar, at_routes.planar)
 
 
 def _placed_base(
@@ -79,5 +120,14 @@ def _placed_base(
         link=link,
         later=later,
         by_link=at_link.planar,
-        by_topic=None if at_topic is None else at_topic.planar,
+        from_topic=None if at_topic is None else _apart(odometry.pose, at_topic.planar),
+    )
+
+
+def _apart(poses: np.ndarray, others: np.ndarray) -> Apart:
+    """Return how far poses (n, 3) are from others (n, 3) at most."""
+    turned_angles = normalize_angle_modulo(poses[:, 2] - others[:, 2])
+    return Apart(
+        distance=float(distances(poses[:, :2], others[:, :2]).max()),
+        angle=float(np.abs(turned_angles).max()),
     )

@@ -16,14 +16,14 @@ import numpy as np
 from applr_ros1.common.angles import Twist
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Decision, Drive, Goal, SentGoal
-from applr_ros1.drives.judge import CourseEnd, Destination, Rules
+from applr_ros1.drives.end_rules import CourseEnd, Destination, Rules
 from applr_ros1.drives.outcome import Leg, Outcome, nearest, outcome_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.policy.pilot import Pilot
-from applr_ros1.policy.stall import Stall
+from applr_ros1.policy.stall_rule import Stall
 from applr_ros1.stack.simulated import CONTROL_PERIOD, SimulatedRobot, Tick
 from applr_ros1.stack.stack import Stack
 from worlds import World

@@ -64,7 +64,7 @@ Discs = Any  # an array (n,) of them
 NO_DISCS = np.empty(0, DISC)
 
 
-class Placement(NamedTuple):
+class BodyPose(NamedTuple):
     """Pose of the body: x, y [m], cosine and sine of its yaw."""
 
     x: float
@@ -168,7 +168,7 @@ def hidden_discs(points: Array, robot_pose: Pose, age: float, speed: float) -> D
 
 @kernel
 def may_meet(
-    discs: Discs, planes: Array, edge: Array, margin: float, place: Placement, time: float
+    discs: Discs, planes: Array, edge: Array, margin: float, place: BodyPose, time: float
 ) -> bool:
     """Return whether a body may meet a disc at a time, wherever the disc may be by then.
 
@@ -190,7 +190,7 @@ def may_meet(
 
 @kernel
 def will_meet(
-    discs: Discs, planes: Array, edge: Array, margin: float, place: Placement, time: float
+    discs: Discs, planes: Array, edge: Array, margin: float, place: BodyPose, time: float
 ) -> bool:
     """Return whether a body that stands from a time on meets a disc that keeps its velocity.
 
@@ -207,7 +207,7 @@ def will_meet(
 
 @kernel
 def _is_within(
-    disc: Disc, planes: Array, edge: Array, place: Placement, elapsed: float, reach: float
+    disc: Disc, planes: Array, edge: Array, place: BodyPose, elapsed: float, reach: float
 ) -> bool:
     """Return whether a disc's centre is nearer to a body than `reach` [m] after a time [s]."""
     offset_x = disc.x + disc.vx * elapsed - place.x

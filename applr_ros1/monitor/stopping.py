@@ -19,7 +19,7 @@ from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.known_space import CELL_M, cell_of
-from applr_ros1.monitor.moving import Discs, Placement, may_meet, will_meet
+from applr_ros1.monitor.moving import BodyPose, Discs, may_meet, will_meet
 
 CHECK_STEP_S = 0.02  # interval between two checked poses [s]
 # The friction limit falls at low speed, and the braking that was measured from full speed does not
@@ -379,7 +379,7 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
         y += (v * sin_half + leftward * cos_half) * step
         yaw += w * step
         time += step
-        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
         limits = check.obstacles.margin_limit
         if _is_deeper(check.obstacles, limits, body.planes, body.margin, place):
             return False
@@ -391,7 +391,7 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
     swing = SWING_RAD * min(fastest_braking / LAST_SPEED_M_S, 1.0)
     if not _is_seen_beyond(check.seen, body.edge, (x, y, yaw), target_v, target_w):
         return False
-    place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+    place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
     if check.keeps_clear and will_meet(
         check.discs, body.planes, body.edge, body.margin, place, time
     ):
@@ -412,7 +412,7 @@ def _followed_speed(v: float, target_v: float, largest_change: float) -> float:
 
 @kernel
 def _is_deeper(
-    obstacles: Obstacles, limits: Array, planes: Array, margin: float, place: Placement
+    obstacles: Obstacles, limits: Array, planes: Array, margin: float, place: BodyPose
 ) -> bool:
     """Return whether any point's penetration() is above its limit (n,) with the body at `place`.
 
@@ -462,14 +462,14 @@ def _may_swing(
         sin_yaw = math.sin(swung_yaw)
         swung_x = centre_x - turn_ahead * cos_yaw
         swung_y = centre_y - turn_ahead * sin_yaw
-        place = Placement(swung_x, swung_y, cos_yaw, sin_yaw)
+        place = BodyPose(swung_x, swung_y, cos_yaw, sin_yaw)
         if _is_deeper(obstacles, obstacles.outline_limit, planes, 0.0, place):
             return False
     return True
 
 
 @kernel
-def _is_seen(seen: SeenCells, edge: Array, place: Placement) -> bool:
+def _is_seen(seen: SeenCells, edge: Array, place: BodyPose) -> bool:
     """Return whether the body's whole edge lies in observed cells with the body at `place`."""
     side_cells = seen.cells.shape[0]
     if side_cells == 0:
@@ -515,4 +515,4 @@ def _is_seen_beyond(seen: SeenCells, edge: Array, pose: Pose, v: float, w: float
     x += v * time * math.cos(yaw + 0.5 * w * time)
     y += v * time * math.sin(yaw + 0.5 * w * time)
     yaw += w * time
-    return _is_seen(seen, edge, Placement(x, y, math.cos(yaw), math.sin(yaw)))
+    return _is_seen(seen, edge, BodyPose(x, y, math.cos(yaw), math.sin(yaw)))

@@ -12,7 +12,6 @@ from typing import (
     TYPE_CHECKING,
     Any,
     Callable,
-    Dict,
     Iterable,
     List,
     Mapping,
@@ -225,7 +224,7 @@ class SamplingPlanner:
     PARAMETERS: np.dtype
     STATE: np.dtype
     SAMPLES: Tuple[str, ...]
-    DERIVED: Tuple[str, ...] = ("sim_period",)
+    DERIVED: Tuple[str, ...]
 
     def __init__(self, params: Mapping[str, Any]):
         self._resolution: Any = None
@@ -234,7 +233,7 @@ class SamplingPlanner:
         self._lines: Any = None
         self._scratch: Any = None
         self._state = np.zeros(1, self.STATE)
-        self._values: Dict[str, Any] = {}
+        self._params = np.zeros(1, self.PARAMETERS)
         self.reconfigure(params)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
@@ -242,22 +241,21 @@ class SamplingPlanner:
 
         Call it between two cycles.
         """
-        # A new dict, because a failure must leave the old values in force.
-        new_values = dict(self._values)
+        # A new record, because a failure must leave the old one in force, which choices of earlier
+        # cycles keep.
+        new_record = self._params.copy()
         for name in self.PARAMETERS.names or ():
             if name in params and name not in self.DERIVED:
-                new_values[name] = params[name]
+                new_record[name] = params[name]
+        sample_counts = []
         for name in self.SAMPLES:
-            new_values[name] = max(int(new_values[name]), 1)
-        self._values = new_values
-        self._scratch = self._allocate_scratch(*(new_values[name] for name in self.SAMPLES))
-        self._take_parameters()
+            new_record[name] = max(int(new_record[name][0]), 1)
+            sample_counts.append(int(new_record[name][0]))
+        self._scratch = self._allocate_scratch(*sample_counts)
+        self._take(new_record)
 
-    def _take_parameters(self) -> None:
-        # A new record, because choices of earlier cycles keep the old one.
-        new_record = np.zeros(1, self.PARAMETERS)
-        for name, value in self._values.items():
-            new_record[name] = value
+    def _take(self, new_record: np.ndarray) -> None:
+        """Put parameters in force, with the fields that follow from them and from the map."""
         self._derive(new_record, self._resolution)
         self._params = new_record
 
@@ -282,7 +280,7 @@ class SamplingPlanner:
         self._shape = costmap.cells.shape
         self._resolution = resolution
         # Some derived parameters depend on the resolution.
-        self._take_parameters()
+        self._take(self._params.copy())
         return True
 
     @property

@@ -128,7 +128,7 @@ class Method:
             as in all parameter sets learned here. The applr node rescales them for a planner that
             needs biases per metre (nodes/applr/meter_scoring.py).
         redraws_stalled: Whether parameters are drawn at random while the robot has stalled
-            (policy/stall.py).
+            (policy/stall_rule.py).
         obstacle_range: Range [m] up to which lasers must mark obstacles in the costmaps, because
             the method was made for it. move_base reads it once, at its start. None for the range
             in the robot's files.

@@ -29,7 +29,7 @@ import os
 import re
 import sys
 from types import ModuleType
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -266,6 +266,12 @@ def obstacle_range(spec: str, robot: Robot) -> Optional[float]:
         return make(spec, robot, user_code=False).obstacle_range
     except ApplrError:
         return None
+
+
+def obstacle_ranges(robot: Robot) -> Set[float]:
+    """Return the ranges [m] for which a robot's tuned set and its policy were made."""
+    ranges = {obstacle_range(spec, robot) for spec in ("static", "applr")}
+    return {needed_range for needed_range in ranges if needed_range is not None}
 
 
 def for_robot(method: Method, robot: Robot) -> Method:

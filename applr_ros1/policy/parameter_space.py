@@ -21,7 +21,7 @@ from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.planner.parameters import obstacle_range
-from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
@@ -214,18 +214,18 @@ class Space:
         return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
     def settings(self, theta: Any, per_cell: bool = False) -> Settings:
-        """Return the values that parameters (n,) set after clipping: a request per server.
+        """Return the values that parameters (n,) set: a request per server.
 
-        Those of theta_0 are the robot's defaults, which are not clipped.
+        Those of theta_0 are the robot's defaults.
 
         Args:
-            theta: Parameters (n,).
+            theta: Parameters (n,) within the ranges, as the Pilot limits them.
             per_cell: Unit of their distance biases (Settings).
         """
-        return self.settings_of(self.as_dict(self.clip(theta)), per_cell)
+        return self.settings_of(self.as_dict(theta), per_cell)
 
     def settings_of(self, values: Mapping[str, Any], per_cell: bool = False) -> Settings:
-        """Return the values that some parameters {name: value} set, not clipped."""
+        """Return the values that some parameters {name: value} set."""
         settings: Dict[str, Dict[str, Any]] = {}
         for parameter_index, target in self.addresses:
             name = self.names[parameter_index]
@@ -359,9 +359,7 @@ def declaration(robot: Robot, name: str) -> Parameter:
     """Return the planner's declaration of a parameter of a robot's space: unit, bounds, meaning."""
     # The first target declares the parameter; the others follow it.
     target = space_of(robot).targets[name][0]
-    declared = robot.servers[target.server].declared(target.name)
-    assert declared is not None, "space_of refuses targets that no server declares"
-    return declared
+    return by_name(robot.servers[target.server].parameters)[target.name]
 
 
 SPACE = space_of(robots.JACKAL)

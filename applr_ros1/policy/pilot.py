@@ -2,6 +2,10 @@
 
 The applr node, simulated trials and the learning environment all ask a Pilot. A period without a
 decision, such as one in which the method raised an error, is reported with `miss`.
+
+The Pilot alone clips parameters, and it owns the speed limit of all that are chosen. Others may set
+parameters beside it: the last guard is at the base, where the move_base node slows each command
+beyond the limit (nodes/move_base/node.py).
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 from applr_ros1.policy.decision import Context, Method, Seen
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import StallRule
+from applr_ros1.policy.stall_rule import StallRule
 from applr_ros1.robots import Robot
 
 # Number of successive periods without a decision after which the method counts as lost

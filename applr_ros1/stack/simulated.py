@@ -13,6 +13,7 @@ from applr_ros1.common.angles import Pose, Twist, compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.planner.costmap.static_layer import StaticMap
+from applr_ros1.robots import Robot
 from applr_ros1.stack.stack import Stack, Step
 from sim_bridge.simulator import RobotState, Simulator
 from worlds import World
@@ -71,10 +72,12 @@ class SimulatedRobot:
         simulator: Simulator of the robot. Its laser scans at its own rate, at most once per control
             cycle.
         driver: Stack, or script.
-        with_map: Stack for worlds with a map; None for the same driver. A planner with a static
-            layer gets the map and the robot's true pose; others explore.
+        with_map: Stack for worlds with a map, whose planner has the parameters of Robot.on_map;
+            None for the same driver. A planner with a static layer gets the map and the robot's
+            true pose; others explore.
 
     Attributes:
+        robot: Robot with the parameters in use in the present world (robot_in).
         ranges: Latest scan (beams,) float32 [m] of a control cycle; empty before the first one.
         goal: Goal (x, y, yaw) of the course in the frame of plan and goal.
         goal_count: Number of goals sent so far.
@@ -123,11 +126,19 @@ class SimulatedRobot:
             return state.odom_pose
         return compose(self._to_map, state.pose)
 
+    def robot_in(self, world: World) -> Robot:
+        """Return the robot with the parameters in use in a world (Robot.on_map)."""
+        robot = self.simulator.robot
+        if world.map is None or self._with_map is self._without_map:
+            return robot
+        return robot.on_map()
+
     def reset(self, world: World, seed: int) -> None:
         """Place the robot at the start of the world's course, and restore the driver's parameters.
 
         If the planner's fidelity is random, the reset draws the fidelity.
         """
+        self.robot = self.robot_in(world)
         self.driver = self._without_map
         self._to_map = None
         if world.map is not None:

@@ -7,8 +7,9 @@
 2. The planner has no plan or no command for its patience, oscillates, or all escape motions have
    failed: the recoveries of C++ (planner/recovery.py), in the same state machine.
 3. The robot stays at its place or in a dead end for seconds, whatever it is commanded: Stuck
-   (policy/stall.py). StallRule then clears the costmaps and replaces the method's parameters.
-4. In training, a Stall (policy/stall.py) of the true position may end the course (drives/judge.py).
+   (policy/stall_rule.py). StallRule then clears the costmaps and replaces the method's parameters.
+4. In training, a Stall (policy/stall_rule.py) of the true position may end the course
+   (drives/end_rules.py).
 
 The first two act on single commands, in each control cycle, the others on decisions. Simulated
 drives (stack.py) and the collision monitor's node (nodes/monitor/node.py) share these classes.

@@ -9,19 +9,26 @@ refused; what differs from the robot's files is said in a note.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Iterator, List, NamedTuple, Optional, Set, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Set
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.paths import distances
-from applr_ros1.drives.clocks import clocks_differ, one_clock, scans_apart, stamped_later
-from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans, nearest_rows
-from applr_ros1.drives.frames import FramePlacements, Tree
-from applr_ros1.drives.places import PlacedBase, places_of
-from applr_ros1.monitor.motion import PoseMotion
-from applr_ros1.monitor.odometry_check import OdometryCheck
+from applr_ros1.drives.clocks import clocks_differ, one_clock, placed_late
+from applr_ros1.drives.drive import (
+    Commands,
+    Drive,
+    DriveError,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    nearest_rows,
+)
+from applr_ros1.drives.frames import FramePlacements
+from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
+from applr_ros1.monitor.recorded_twists import checked_twists
 from applr_ros1.planner.plan_cut import cut_plan, transformed
 from applr_ros1.robots import Robot
 from applr_ros1.why.recording import Recording
@@ -32,8 +39,6 @@ POSE_OFF_M = 0.02
 POSE_OFF_RAD = 0.02
 LASER_OFF_M = 0.01
 LASER_OFF_RAD = 0.01
-TF_BUFFER_S = 10.0  # time for which tf keeps transforms [s]
-VELOCITY_SPAN_S = 0.5  # time over which a velocity is measured from poses [s]
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
@@ -45,14 +50,6 @@ class Fittable(NamedTuple):
     planned: Commands
     odometry: Motion
     scans: Scans
-
-
-class Routed(NamedTuple):
-    """Columns of a drive whose followed plans can be cut from those of the global planner."""
-
-    routes: Plans
-    planned: Commands
-    odometry: Motion
 
 
 class PlacedLaser(NamedTuple):
@@ -82,30 +79,33 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
     Raises:
         ApplrError: Frames differ, and tf does not connect them.
     """
+    # What is there, and where: each column is asked for once, and tf.
     drive = _without_prefix(drive)
     _check_frames(drive)
     odometry_frame = drive.frame
     # The plans that were followed are in the frame of the local costmap.
     plan_frames = drive.frames.get("plans") or [odometry_frame]
     drive = replace(drive, frame=plan_frames[0])
-    columns = drive.require(Fittable)
-    tree = Tree(drive.transforms)
-    places = places_of(drive, tree, columns.odometry, columns.scans, robot.frames.base)
+    planned, odometry, scans = drive.require(Fittable)
+    places = places_of(drive, planned, odometry, scans, robot.frames.base)
 
-    laser = _placed_laser(columns.scans, drive.frames["scans"][0], places.laser, robot, is_given)
+    # Each column as the planner saw it
+    laser = _placed_laser(scans, drive.frames["scans"][0], places.laser, robot, is_given)
     if drive.frame != odometry_frame and not places.is_framed:
         raise _unconnected(drive.frame, odometry_frame)
-    moved = _with_poses(columns.odometry, places.base)
-    clock_notes = _compared_clocks(laser.scans, moved.motion)
-    driven = _with_velocities(moved.motion)
+    moved = _with_poses(odometry, places.base)
+    late_notes = placed_late(laser.scans, moved.motion)
+    motion = moved.motion
+    driven = checked_twists(motion.stamp, motion.pose, motion.twist)
+    notes = [*drive.notes, *laser.notes, *moved.notes, *late_notes]
+    if driven.problem:
+        motion = replace(motion, twist=driven.twist)
+        notes.append(driven.problem)
+    routes = _routes_in_frame(drive, places.routes)
+    plans = plans_of(drive, planned, motion, places.routes, planner)
     drive = replace(
-        drive,
-        odometry=driven.motion,
-        scans=laser.scans,
-        notes=[*drive.notes, *laser.notes, *moved.notes, *clock_notes, *driven.notes],
+        drive, odometry=motion, scans=laser.scans, plans=plans, routes=routes, notes=notes
     )
-    drive = replace(drive, plans=plans_of(drive, tree, planner))
-    drive = replace(drive, routes=_routes_by_odometry(drive, tree))
     # Whatever moved the robot, its planner was given the velocities of the topic.
     return replace(
         Recording.of(drive, robot), laser_pose=laser.pose, planner_twist=moved.motion.twist
@@ -231,19 +231,15 @@ def _with_poses(odometry: Motion, in_tf: Optional[PlacedBase]) -> Noted:
     if in_tf is None:
         return Noted(odometry, notes)
     odometry = replace(odometry, stamp=odometry.stamp - in_tf.later)
+    joined = _joined(odometry, in_tf.link.time, in_tf.link.stamp, in_tf.by_link)
     if in_tf.later:
         problem = clocks_differ("the odometry is", in_tf.later, "tf")
         notes.append(f"{problem}; {one_clock('base')}")
-    joined = _joined(odometry, in_tf.link.time, in_tf.link.stamp, in_tf.by_link)
-    if in_tf.by_topic is None:
-        return Noted(joined, notes)
-    largest_distance = float(distances(odometry.pose[:, :2], in_tf.by_topic[:, :2]).max())
-    turned_angles = normalize_angle_modulo(odometry.pose[:, 2] - in_tf.by_topic[:, 2])
-    largest_turn = float(np.abs(turned_angles).max())
-    if largest_distance > POSE_OFF_M or largest_turn > POSE_OFF_RAD:
+    apart = in_tf.from_topic
+    if apart is not None and (apart.distance > POSE_OFF_M or apart.angle > POSE_OFF_RAD):
         notes.append(
-            f"the odometry topic is not what tf shows: up to {largest_distance:.2f} m and "
-            f"{largest_turn:.2f} rad apart; poses are tf's, velocities the topic's"
+            f"the odometry topic is not what tf shows: up to {apart.distance:.2f} m and "
+            f"{apart.angle:.2f} rad apart; poses are tf's, velocities the topic's"
         )
     return Noted(joined, notes)
 
@@ -262,105 +258,73 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
     return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
 
 
-def _compared_clocks(scans: Scans, odometry: Motion) -> List[str]:
-    """Return notes on the stamps of scans, compared with those of the poses that place them.
-
-    Raises:
-        ApplrError: tf's buffer holds no poses for the scans, so that costmap_2d drops them.
-    """
-    apart = scans_apart(scans, odometry)
-    if not apart:
-        return []
-    if abs(stamped_later(scans, odometry)) > TF_BUFFER_S:
-        raise ApplrError(f"{apart}, or tf drops the scans")
-    return [apart]
-
-
-# -- velocities ------------------------------------------------------------------------------------
-def _with_velocities(motion: Motion) -> Noted:
-    """Return a motion with the velocities of its poses, if its own are left at 0."""
-    check = OdometryCheck()
-    for stamp, (x, y, yaw), (v, w) in _messages(motion):
-        # What is said first stands for the whole drive.
-        if check.take(stamp, (x, y, yaw), (v, w)):
-            break
-    if not check.problem:
-        return Noted(motion, [])
-    if check.lacks_twist:
-        motion = replace(motion, twist=_velocities_by_poses(motion))
-    return Noted(motion, [check.problem])
-
-
-def _velocities_by_poses(motion: Motion) -> np.ndarray:
-    """Return the velocities (n, 2) v [m/s], w [rad/s] that the poses of a motion show.
-
-    They are the recorded ones if the poses are too rare to show any.
-    """
-    by_poses = PoseMotion(VELOCITY_SPAN_S)
-    middle_stamps = []
-    velocities = []
-    for stamp, (x, y, yaw), (recorded_v, _) in _messages(motion):
-        by_poses.take(stamp, (x, y, yaw), recorded_v)
-        if not by_poses.baseline:  # Nothing is known at the begin and after a gap.
-            continue
-        # A velocity holds for the middle of the time over which it is measured.
-        middle_stamps.append(stamp - by_poses.baseline / 2)
-        velocities.append((by_poses.velocity.v, by_poses.velocity.w))
-    if not velocities:
-        return motion.twist
-    measured_v, measured_w = np.array(velocities).T
-    v = np.interp(motion.stamp, middle_stamps, measured_v)
-    w = np.interp(motion.stamp, middle_stamps, measured_w)
-    return np.column_stack([v, w])
-
-
-def _messages(motion: Motion) -> Iterator[Tuple[float, List[float], List[float]]]:
-    """Yield stamp, pose and twist of each message, as plain numbers."""
-    return zip(motion.stamp.tolist(), motion.pose.tolist(), motion.twist.tolist())
-
-
 # -- plans -----------------------------------------------------------------------------------------
-def plans_of(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
+def plans_of(
+    drive: Drive,
+    planned: Commands,
+    odometry: Motion,
+    route_frame: Optional[RouteFrame],
+    planner: RerunPlanner,
+) -> Plans:
     """Return the plans that were followed, or the parts of the global planner's that may have been.
 
     DWAPlannerROS publishes empty plans as long as it finds no command.
 
+    Args:
+        drive: The drive, with one of both.
+        planned: Its commands of the planner.
+        odometry: Its odometry.
+        route_frame: Frame of the global planner's plans, as tf says (places.Places).
+        planner: Planner of the robot.
+
     Raises:
-        ApplrError: As followed_plans.
+        ApplrError: The plans are in another frame, and tf does not connect it with the odometry's.
     """
     plans = drive.plans
-    if plans and (not drive.routes or any(map(len, plans.path))):
+    routes = drive.routes
+    if plans and (not routes or any(map(len, plans.path))):
         return plans
-    return followed_plans(drive, tree, planner)
+    if not routes:
+        raise DriveError(f"{drive.name}: it has no routes")
+    (plan_frame,) = drive.frames["routes"]
+    origins: Optional[np.ndarray] = None
+    if plan_frame != drive.frame:
+        if route_frame is None:
+            raise _unconnected(plan_frame, drive.frame)
+        origins = route_frame.at_commands
+    return followed_plans(routes, planned, odometry, drive.goals, origins, planner)
 
 
-def followed_plans(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
+def followed_plans(
+    routes: Plans,
+    planned: Commands,
+    odometry: Motion,
+    goals: Sequence[Goal],
+    origins: Optional[np.ndarray],
+    planner: RerunPlanner,
+) -> Plans:
     """Return the plan that the local planner has in the cycle of each command.
 
     It is the global planner's latest, in the odometry frame, without the points that were pruned in
     earlier cycles. The planner cuts and prunes it again at the pose of its cycle. A plan that came
     during the cycle may be too late for it: the one before then stands in a row of the same time.
 
-    Raises:
-        ApplrError: The plans are in another frame, and tf does not connect it with the odometry's.
+    Args:
+        routes: Plans of the global planner.
+        planned: Commands of the planner.
+        odometry: Motion of the robot.
+        goals: Goals that were pursued; empty if nobody knows.
+        origins: (n, 3) pose of the odometry frame in that of the plans at each command; None if
+            both are the same.
+        planner: Planner of the robot.
     """
-    routes, planned, odometry = drive.require(Routed)
-    (plan_frame,) = drive.frames["routes"]
-    times = planned.time
-    origins: Optional[np.ndarray] = None
-    if plan_frame != drive.frame:
-        frame_places = tree.place(plan_frame, drive.frame, times)
-        if frame_places is None:
-            raise _unconnected(plan_frame, drive.frame)
-        origins = frame_places.planar
-
     followed_times: List[float] = []
     followed_paths: List[np.ndarray] = []
     route_row = -1
     # What is left of the latest plan, and what was left of the one before it
     stored_plan = np.zeros((0, 3))
     previous_plan = stored_plan
-    for cycle_row, command_time in enumerate(times.tolist()):
+    for cycle_row, command_time in enumerate(planned.time.tolist()):
         if routes.latest(command_time) != route_row:
             route_row = routes.latest(command_time)
             previous_plan = stored_plan
@@ -368,7 +332,7 @@ def followed_plans(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
         odometry_row = odometry.latest(command_time)
         if route_row < 0 or odometry_row < 0:
             continue
-        if not len(stored_plan) or not _has_goal(drive, command_time):
+        if not len(stored_plan) or not _has_goal(goals, command_time):
             continue
         choices = [stored_plan]
         if len(previous_plan) and command_time - routes.time[route_row] < CYCLE_S:
@@ -384,18 +348,17 @@ def followed_plans(drive: Drive, tree: Tree, planner: RerunPlanner) -> Plans:
     return Plans(np.array(followed_times), followed_paths)
 
 
-def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
-    """Return the global planner's plans in the odometry frame, or None if tf lacks it."""
-    if drive.routes is None or drive.frames["routes"] == [drive.frame]:
-        return drive.routes
-    plan_frame = drive.frames["routes"][0]
-    frame_places = tree.place(plan_frame, drive.frame, drive.routes.time)
-    if frame_places is None:
+def _routes_in_frame(drive: Drive, route_frame: Optional[RouteFrame]) -> Optional[Plans]:
+    """Return the global planner's plans in the drive's frame, or None if tf lacks it."""
+    routes = drive.routes
+    if routes is None or drive.frames["routes"][0] == drive.frame:
+        return routes
+    if route_frame is None:
         return None
-    routes = []
-    for route, origin in zip(drive.routes.path, frame_places.planar):
-        routes.append(_seen_from(origin, route))
-    return Plans(drive.routes.time, routes)
+    paths = []
+    for route, origin in zip(routes.path, route_frame.at_routes):
+        paths.append(_seen_from(origin, route))
+    return Plans(routes.time, paths)
 
 
 def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:
@@ -404,8 +367,8 @@ def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:
     return transformed(path, inverse((x, y, yaw)))
 
 
-def _has_goal(drive: Drive, time: float) -> bool:
+def _has_goal(goals: Sequence[Goal], time: float) -> bool:
     """Return whether a goal was pursued at a time, or whether nobody knows."""
-    if not drive.goals:
+    if not goals:
         return True
-    return any(goal.begin - STATUS_S <= time <= goal.end for goal in drive.goals)
+    return any(goal.begin - STATUS_S <= time <= goal.end for goal in goals)

@@ -22,14 +22,13 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.frames import Tree
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
-from applr_ros1.why.fitting import plans_of
+from applr_ros1.why.fitting import Fittable, plans_of
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
@@ -362,9 +361,11 @@ class Bench:
         """Return the row with the answer to a drive, and with the drives that follow its advice."""
         began = process_time()
         planner = RerunPlanner(robot)
-        # The simulated drive has plans in the frame of the odometry alone, so no tf is needed.
+        # The simulated drive has plans in the frame of the odometry alone: there is no tf.
         in_odometry = replace(drive, frames={"routes": [drive.frame]})
-        drive = replace(drive, plans=plans_of(in_odometry, Tree(None), planner))
+        columns = in_odometry.require(Fittable)
+        plans = plans_of(in_odometry, columns.planned, columns.odometry, None, planner)
+        drive = replace(drive, plans=plans)
         replay = replay_of(Recording.of(drive, robot), planner)
         if replay.cycles:
             with Pool(0) as pool:

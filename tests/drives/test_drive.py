@@ -16,7 +16,7 @@ from applr_ros1.drives.drive import (
     Measured,
     Scans,
 )
-from applr_ros1.drives.ending import MeasuredSlip
+from applr_ros1.drives.end_reasons import MeasuredSlip
 from applr_ros1.why.recording import Replayable
 from tests.support.drives import driven
 

@@ -16,8 +16,8 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives import simulate
 from applr_ros1.drives.drive import TIMED_OUT, Drive, Goal
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED, TOO_EARLY
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, TOO_EARLY
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Leg, nearest, outcome_of
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase

@@ -21,7 +21,7 @@ from actionlib_msgs.msg import GoalStatus
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED, TOO_EARLY
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, TOO_EARLY
 from applr_ros1.nodes.conversions import Reading
 from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo as demo_tool

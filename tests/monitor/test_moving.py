@@ -29,7 +29,7 @@ from applr_ros1.monitor.moving import (
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import (
     BaseMotion,
-    Placement,
+    BodyPose,
     braking_time,
     edge_points,
     half_planes,
@@ -45,7 +45,7 @@ MEET_S = 2.5  # time at which an undisturbed robot would meet it [s]
 STANDS = 0.1  # speed up to which a robot counts as standing [m/s]
 ROBOTS = {name: robots.load(name) for name in ("jackal", "husky", "turtlebot3_waffle_pi")}
 WALL = np.array([[4.0, -0.8, 0.0, 12.0, 0.2]])  # beside the robot's way
-AHEAD = Placement(0.0, 0.0, 1.0, 0.0)
+AHEAD = BodyPose(0.0, 0.0, 1.0, 0.0)
 
 
 class Scene(NamedTuple):
@@ -375,7 +375,7 @@ def test_a_disc_meets_the_body_within_its_radius(x, y, meets):
     assert may_meet(disc(x, y), *body, AHEAD, 0.0) == meets
     assert will_meet(disc(x, y), *body, AHEAD, 0.0) == meets
     # The body is turned to the left, so that its front is where its left side was.
-    turned = Placement(0.0, 0.0, 0.0, 1.0)
+    turned = BodyPose(0.0, 0.0, 0.0, 1.0)
     assert may_meet(disc(-y, x), *body, turned, 0.0) == meets
 
 

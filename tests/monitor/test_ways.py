@@ -12,8 +12,8 @@ from applr_ros1.monitor.motion import PoseVelocity
 from applr_ros1.monitor.rays import beam_at
 from applr_ros1.monitor.stopping import (
     BaseMotion,
+    BodyPose,
     Braking,
-    Placement,
     SeenCells,
     _is_deeper,
     _is_seen,
@@ -322,7 +322,7 @@ def test_points_in_the_body_are_those_of_the_scalar_computation():
         x, y, yaw = rng.uniform(-0.3, 0.3, 3)
         points = rng.uniform(-0.6, 0.6, (20, 2))
         limits = rng.uniform(0.0, 0.3, 20)
-        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
         expected = False
         for (point_x, point_y), limit in zip(points, limits):
             # The point in the frame of the body
@@ -344,7 +344,7 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
     outcomes = set()
     for _ in range(300):
         x, y, yaw = rng.uniform(-0.3, 0.3, 3)
-        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
         # A few cells are unknown.
         cells = (rng.random((side, side)) > 0.002).astype(np.uint8)
         corner_x, corner_y = rng.integers(-200, 200, 2).tolist()

@@ -188,7 +188,8 @@ def dwa(scenario):
 
     # The weights in force, after C++'s scaling by the resolution.
     weights = expected["effective"]
-    in_force = [planner.in_force[name].item() for name in weights]
+    scaled = {"path_distance_bias": "path_scale", "goal_distance_bias": "goal_scale"}
+    in_force = [planner.in_force[scaled.get(name, name)].item() for name in weights]
     yield "effective", in_force, list(weights.values())
     if not expected.get("has_samples", True):
         return

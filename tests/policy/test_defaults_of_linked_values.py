@@ -13,12 +13,17 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import load
 from applr_ros1.robots.learned import default_space
 from applr_ros1.robots.robot import MoveBaseSetup
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from tests.support.servers import running_servers
+from training.env.settings import TrialSettings
+from training.evaluate.runner import TrialRunner
+from training.evaluate.trial import Trial
+from worlds.occupancy import occupancy
 
 PLANNER = "DWAPlannerROS"
 INFLATION = ("local_costmap/inflation_layer", "global_costmap/inflation_layer")
@@ -84,10 +89,10 @@ def test_a_set_leaves_the_parameters_that_it_does_not_have_as_the_owner_has_them
     [(np.inf, (0.2, 0.15)), (0.18, (0.18, 0.15)), (0.1, (0.1, 0.1))],
 )
 def test_a_speed_limit_lowers_each_speed_and_raises_none(space, max_speed, speeds):
-    limited_space = space.below(max_speed)
-    in_planner = limited_space.settings(space.theta0)[PLANNER]
+    pilot = Pilot(methods.make("dwa", BURGER), BURGER, max_speed=max_speed)
+    in_planner = pilot.space.settings(pilot.defaults().theta)[PLANNER]
     assert (in_planner["max_vel_x"], in_planner["max_vel_trans"]) == speeds
-    fastest = limited_space.settings(space.high)[PLANNER]
+    fastest = pilot.space.settings(pilot.limited(space.high))[PLANNER]
     assert max(fastest["max_vel_x"], fastest["max_vel_trans"]) <= max_speed
     assert_owners(space.settings(space.theta0))
 
@@ -139,8 +144,9 @@ def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limi
     assert_owners(values_of(client))
     assert client.theta().tolist() == space.theta0.tolist()
 
-    client = started_client(space.below(0.18))
-    assert applied(client, space.theta0)
+    pilot = Pilot(methods.make("dwa", BURGER), BURGER, max_speed=0.18)
+    client = started_client(pilot.space)
+    assert applied(client, pilot.defaults().theta)
     assert values_of(client)[PLANNER]["max_vel_x"] == 0.18
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
     # What is in force, applied again, changes nothing.
@@ -148,13 +154,17 @@ def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limi
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
 
 
-def test_theta_0_is_that_of_the_files_in_use():
-    described = load("turtlebot3_burger")
+def slower_on_a_map(described):
+    """Return a robot whose files for a map have other speeds, and these."""
     without_map, with_map = described.move_base
     slower = {PLANNER: {"max_vel_x": 0.15, "max_vel_trans": 0.15}}
-    slower_on_map = replace(
-        described, move_base=MoveBaseSetup(without_map, merged(with_map, slower))
-    )
+    move_base = MoveBaseSetup(without_map, merged(with_map, slower))
+    return replace(described, move_base=move_base), slower
+
+
+def test_theta_0_is_that_of_the_files_in_use():
+    described = load("turtlebot3_burger")
+    slower_on_map, slower = slower_on_a_map(described)
     for robot, speed in ((slower_on_map, 0.22), (slower_on_map.on_map(), 0.15), (described, 0.22)):
         space = space_of(robot)
         assert space.theta0[space.names.index("max_vel_x")] == speed
@@ -163,6 +173,20 @@ def test_theta_0_is_that_of_the_files_in_use():
     slower_everywhere = described.with_parameters(slower, described.name)
     assert slower_everywhere != described
     assert space_of(slower_everywhere).defaults[PLANNER]["max_vel_x"] == 0.15
+
+
+@pytest.mark.parametrize(("has_map", "speed"), [(False, 0.22), (True, 0.15)])
+def test_a_simulated_drive_has_theta_0_of_the_files_in_use(has_map, speed):
+    robot, _ = slower_on_a_map(load("turtlebot3_burger"))
+    runner = TrialRunner(TrialSettings(robot=robot, time_limit=2.0))
+    world = runner._world("generated:3")
+    if has_map:
+        world = replace(world, map=occupancy(world, 0.05))
+    runner._world = lambda specification: world
+    runner.run(Trial("generated:3", "dwa", 0, 1, "generated:3", "dwa"))
+    first_decision = runner.drive.decisions[0]
+    # The planner starts with these values, and the method does not change them.
+    assert first_decision.before["max_vel_x"] == first_decision.after["max_vel_x"] == speed
 
 
 def test_two_paddings_are_one_parameter_that_keeps_both():

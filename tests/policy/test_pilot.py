@@ -13,7 +13,7 @@ from applr_ros1.policy.methods import FixedParameters
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.policy.pilot import DEFAULTS, LOST_PERIODS, METHOD, STALL, Pilot
-from applr_ros1.policy.stall import BACKING_OUT
+from applr_ros1.policy.stall_rule import BACKING_OUT
 from applr_ros1.robots import JACKAL, load
 from tests.support.contexts import AHEAD, Chooses, driving, parameters, scene
 

@@ -24,14 +24,13 @@ from applr_ros1.drives.drive import (
     SentGoal,
     Transforms,
 )
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.decision import Seen
-from applr_ros1.policy.pilot import METHOD, Choice
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
@@ -87,41 +86,28 @@ def simulated(
     """Drive a robot through a world, or the world of a name in its scale, with the parameters of
     its files.
 
-    The costmaps are cleared after some seconds; only the decisions that do so are kept.
+    The costmaps are cleared after some seconds, as decisions do.
     """
     if isinstance(world, str):
         world = worlds.scaled(worlds.load(world), robot.world_scale)
     move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
-    # The parameters of the files stay, even out of the ranges of robot.yaml.
-    fixed = replace(robot, space=())
-    stack = Stack(fixed, move_base, monitor=False, escapes=False)
+    stack = Stack(robot, move_base, monitor=False, escapes=False)
+    # Without decisions, the parameters of the files stay, even out of the ranges of robot.yaml.
     course_drive = CourseDrive(
-        SimulatedRobot(simulator(fixed), stack),
-        world,
-        seed,
-        Rules(limit=limit),
-        theta=np.zeros(0),
-        record=True,
+        SimulatedRobot(simulator(robot), stack), world, seed, Rules(limit=limit), record=True
     )
-    for _ in course_drive.legs(Clearing(clearings)):
-        pass
+    decisions = []
+    while not course_drive.has_ended:
+        seconds = course_drive.seconds
+        if round(seconds) in clearings:
+            move_base.clear_costmaps()
+            goal_id = course_drive.drive.goals[-1].id
+            seen = course_drive.seen
+            decisions.append(Decision(goal_id, seconds, seconds, {}, {}, seen, cleared=True))
+        course_drive.advance()
     # As a bag of move_base alone, without an applr node
-    drive = course_drive.drive
-    decisions = [decision for decision in drive.decisions if decision.cleared]
-    return replace(drive, decisions=decisions, ends=[], changes=None), course_drive.outcome
-
-
-class Clearing:
-    """Pilot that clears the costmaps at some times [s], and sets no parameter."""
-
-    def __init__(self, times: Sequence[int]):
-        self._times = times
-
-    def observe(self, theta: np.ndarray, seen: Seen) -> Seen:
-        return seen
-
-    def decide(self, seen: Seen) -> Choice:
-        return Choice(np.zeros(0), round(seen.time) in self._times, METHOD, per_cell=True)
+    drive = replace(course_drive.drive, decisions=decisions, changes=None)
+    return drive, course_drive.outcome
 
 
 def whole_drive(robot):

@@ -20,7 +20,7 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives import simulate
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import REACHED, Drive
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.robots.geometry import radius
 from applr_ros1.stack.simulated import SimulatedRobot

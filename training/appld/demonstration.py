@@ -18,7 +18,7 @@ from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD
-from training.bags.read import BagError, read, refused
+from training.bags.read import BagError, opened
 
 COLUMNS = ("scans", "odometry", "commands", "sent", "source")  # columns of a demonstration
 DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]
@@ -67,8 +67,8 @@ def read_demonstration(
     Raises:
         BagError: The bag cannot be read, lacks a topic or has too little driving.
     """
-    with refused(path):
-        drive = read(path, robot, topics, COLUMNS)
+    with opened(path) as bag:
+        drive = bag.drive(robot, topics, COLUMNS)
         for column in ("scans", "odometry", "commands"):
             rows = getattr(drive, column)
             if rows is None or len(rows) < 2:

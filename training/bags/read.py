@@ -61,80 +61,123 @@ class Received(NamedTuple):
     rows: List[Row]
 
 
+class OpenBag:
+    """Bag that is open for reading.
+
+    Args:
+        reader: Its open reader.
+        name: Name of the bag, for people.
+
+    Attributes:
+        types: {topic: type} of its messages.
+    """
+
+    def __init__(self, reader: AnyReader, name: str):
+        self._reader = reader
+        self._name = name
+        self.types: Dict[str, str] = {}
+        for connection in reader.connections:
+            # ROS 2's recorder also lists topics without messages.
+            if connection.msgcount:
+                self.types[connection.topic] = connection.msgtype
+
+    def drive(
+        self,
+        robot: Robot = JACKAL,
+        topics: TopicNames = TopicNames(),
+        columns: Optional[Collection[str]] = None,
+    ) -> Drive:
+        """Read the drive.
+
+        Args:
+            robot: Robot that drove.
+            topics: Names of the recorded topics.
+            columns: Columns to read; None reads all. Times count from the first message on one of
+                their topics.
+        """
+        messages = _messages(self._reader, topics, columns)
+        # The robot's time at which each message was recorded, since the first one
+        robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
+        first_time = min((message.recording_time for message in messages), default=0)
+        begin_time = robot_time.of(first_time)
+        unpacked: DefaultDict[str, List[UnpackedRow]] = defaultdict(list)
+        for message in messages:
+            elapsed = (robot_time.of(message.recording_time) - begin_time) / SECOND
+            column = column_of(message.key)
+            for row in message.rows:
+                unpacked[column].append(UnpackedRow(elapsed, row))
+
+        drive = drive_of(unpacked, begin_time, robot)
+        drive.name = self._name
+        if robot_time.note:
+            drive.notes.append(robot_time.note)
+        if drive.scans is not None:
+            drive.clearances = _clearances(drive.scans, robot)
+        return drive
+
+
+@contextmanager
+def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
+    """Open a bag, and convert every error of the block to a BagError that names it.
+
+    Args:
+        path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
+    """
+    try:
+        # A bag of ROS 2 is a folder of files.
+        for bag_file in (Path(path), *Path(path).glob("*")):
+            check_regular(bag_file)
+        # A ROS 2 bag without message definitions has those of this release.
+        typestore = get_typestore(Stores.ROS2_HUMBLE)
+        with reading(path), AnyReader([Path(path)], default_typestore=typestore) as reader:
+            yield OpenBag(reader, Path(path).name)
+    except FileError as error:
+        message = str(error)
+        cause = error.__cause__
+        if isinstance(cause, AnyReaderError) and "index" in str(cause):
+            message += ": if its recording was cut short, run rosbag reindex"
+        raise BagError(message) from error
+
+
 def read(
     path: os.PathLike[str] | str,
     robot: Robot = JACKAL,
     topics: TopicNames = TopicNames(),
     columns: Optional[Collection[str]] = None,
 ) -> Drive:
-    """Read the drive in a bag.
-
-    Args:
-        path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
-        robot: Robot that drove.
-        topics: Names of the recorded topics.
-        columns: Columns to read; None reads all. Times count from the first message on one of
-            their topics.
-    """
-    messages = _messages(Path(path), topics, columns)
-    # The robot's time at which each message was recorded, since the first one
-    robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
-    first_time = min((message.recording_time for message in messages), default=0)
-    begin_time = robot_time.of(first_time)
-    unpacked: DefaultDict[str, List[UnpackedRow]] = defaultdict(list)
-    for message in messages:
-        elapsed = (robot_time.of(message.recording_time) - begin_time) / SECOND
-        column = column_of(message.key)
-        for row in message.rows:
-            unpacked[column].append(UnpackedRow(elapsed, row))
-
-    drive = drive_of(unpacked, begin_time, robot)
-    drive.name = Path(path).name
-    if robot_time.note:
-        drive.notes.append(robot_time.note)
-    if drive.scans is not None:
-        drive.clearances = _clearances(drive.scans, robot)
-    return drive
+    """Read the drive in a bag, as OpenBag.drive does."""
+    with opened(path) as bag:
+        return bag.drive(robot, topics, columns)
 
 
-def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
-    """Return {topic: type} of the messages in a bag."""
-    message_types = {}
-    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        for connection in reader.connections:
-            # ROS 2's recorder also lists topics without messages.
-            if connection.msgcount:
-                message_types[connection.topic] = connection.msgtype
-    return message_types
-
-
-def _messages(path: Path, topics: TopicNames, columns: Optional[Collection[str]]) -> List[Received]:
+def _messages(
+    reader: AnyReader, topics: TopicNames, columns: Optional[Collection[str]]
+) -> List[Received]:
     """Return the messages of some columns in order of recording."""
+    sources = _sources(reader, topics, columns)
+    wanted_connections = []
+    for connection in reader.connections:
+        if connection.topic in sources:
+            wanted_connections.append(connection)
+    # Without connections, rosbags would return every message.
+    recorded: Iterable[Any] = ()
+    if wanted_connections:
+        recorded = reader.messages(wanted_connections)
     messages = []
-    # A ROS 2 bag without message definitions has those of this release.
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        sources = _sources(reader, topics, columns)
-        wanted_connections = []
-        for connection in reader.connections:
-            if connection.topic in sources:
-                wanted_connections.append(connection)
-        # Without connections, rosbags would return every message.
-        recorded: Iterable[Any] = ()
-        if wanted_connections:
-            recorded = reader.messages(wanted_connections)
-        for connection, recording_time, raw_message in recorded:
-            source = sources[connection.topic]
-            plan_row = None
-            if connection.digest == paths.DIGEST:
-                plan_row = paths.path_of(raw_message)
-            if plan_row is not None:
-                rows = [plan_row]
-            else:
-                message = reader.deserialize(raw_message, connection.msgtype)
-                rows = COLUMNS[source.key].unpack(message)
+    for connection, recording_time, raw_message in recorded:
+        source = sources[connection.topic]
+        plan_row = None
+        if connection.digest == paths.DIGEST:
+            plan_row = paths.path_of(raw_message)
+        if plan_row is not None:
+            rows = [plan_row]
+        else:
+            message = reader.deserialize(raw_message, connection.msgtype)
+            rows = COLUMNS[source.key].unpack(message)
+        if source.part:
             for row in rows:
                 row.update(source.part)
-            messages.append(Received(recording_time, source.key, rows))
+        messages.append(Received(recording_time, source.key, rows))
     return messages
 
 
@@ -184,23 +227,6 @@ def _clearances(scans: Scans, robot: Robot) -> Clearances:
 
 
 # -- files -----------------------------------------------------------------------------------------
-@contextmanager
-def refused(path: os.PathLike[str] | str) -> Iterator[None]:
-    """Convert every error of the block that reads a bag to a BagError that names the bag."""
-    try:
-        # A bag of ROS 2 is a folder of files.
-        for bag_file in (Path(path), *Path(path).glob("*")):
-            check_regular(bag_file)
-        with reading(path):
-            yield
-    except FileError as error:
-        message = str(error)
-        cause = error.__cause__
-        if isinstance(cause, AnyReaderError) and "index" in str(cause):
-            message += ": if its recording was cut short, run rosbag reindex"
-        raise BagError(message) from error
-
-
 def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     """Return the bags among files and folders, those of a folder sorted.
 

@@ -3,7 +3,7 @@
 Actors use it, and any RL library can. State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the
 Jackal. Action: the planner's parameters, (8,) for the Jackal. One step is one decision period: in
 the paper 2 s of simulated time, or 40 control cycles of MoveBase, the class that the ROS node runs
-as well. applr_ros1/drives/judge.py defines time limits and ends of episodes.
+as well. applr_ros1/drives/end_rules.py defines time limits and ends of episodes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive, cycles_in
 from applr_ros1.policy.decision import Context, Method
@@ -43,8 +43,8 @@ class ApplrEnv(gymnasium.Env):
         worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
             a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
-        end_on_stall: Whether a stall (policy/stall.py) terminates the episode as a failure. It does
-            not with stall_rule, which ends nearly every stall.
+        end_on_stall: Whether a stall (policy/stall_rule.py) terminates the episode as a failure. It
+            does not with stall_rule, which ends nearly every stall.
         stall_rule: Whether the stall rule replaces actions, as in the applr node. The action that
             was in force is info["action"].
         critics_know_more: Whether the observation ends with inputs for the critics alone
@@ -85,7 +85,9 @@ class ApplrEnv(gymnasium.Env):
             end_on_stall=end_on_stall and not stall_rule,
             limit=self.settings.time_limit,
         )
-        self.course_drive: Optional[CourseDrive] = None  # drive of the present episode
+        # Drive of the present episode, and the inputs of its next decision
+        self.course_drive: Optional[CourseDrive] = None
+        self._context: Optional[Context] = None
         encoding = self.settings.encoding()
         if stall_rule and not encoding.redraws_stalled:
             problem = f"stall_rule does not act on policies with the observation {encoding.name}"
@@ -121,15 +123,16 @@ class ApplrEnv(gymnasium.Env):
         self.pilot.begin(episode_seed)
         return self._observation(course_drive), self._info(course_drive.outcome)
 
-    def begin(self, world: World, seed: int) -> CourseDrive:
-        """Return a new drive along the course of a world."""
+    def begin(self, world: World, seed: int, *, record: bool = False) -> CourseDrive:
+        """Return a new drive along the course of a world, with all columns if it is recorded."""
         return CourseDrive(
             self.simulated,
             world,
             seed,
             self.rules,
             period=self.pilot.period,
-            theta=self.space.theta0,
+            theta=self.pilot.defaults().theta,
+            record=record,
         )
 
     @override
@@ -140,10 +143,11 @@ class ApplrEnv(gymnasium.Env):
         of the last result is the action that was in force.
         """
         course_drive = self.course_drive
-        if course_drive is None:
+        context = self._context
+        if course_drive is None or context is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         self._method.action = action
-        choice = self.pilot.decide(self._context)
+        choice = self.pilot.decide(context)
         course_drive.decide(choice.theta, choice.clears_costmaps)
         course_drive.advance()
         outcome = course_drive.outcome
@@ -160,8 +164,9 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(course_drive), float(reward), terminated, truncated, info
 
     def _observation(self, course_drive: CourseDrive) -> np.ndarray:
-        self._context = self.pilot.observe(course_drive.theta, course_drive.seen)
-        policy_inputs = self.encoding.observe(self._context)
+        context = self.pilot.observe(course_drive.theta, course_drive.seen)
+        self._context = context
+        policy_inputs = self.encoding.observe(context)
         if not self.layout.hidden:
             return policy_inputs
         hidden_inputs = privileged.privileged(course_drive, self.encoding.scale)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import Any, Dict, Literal, Optional, Tuple
 
 from pydantic import ConfigDict
 
-from applr_ros1.drives.judge import TIME_LIMIT
+from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.dimensionless import ENCODINGS
@@ -104,12 +105,11 @@ class TrialSettings(DriveSettings):
             starts: Robot with the parameters with which the planners start.
             escapes: Whether the monitor makes escape motions (Stack).
         """
-        stacks = []
-        for planner in self.planners(starts):
-            stack = Stack(self.robot, planner, monitor=self.monitor, escapes=escapes)
-            stacks.append(stack)
-        without_map, with_map = stacks
-        return SimulatedRobot(simulator, without_map, with_map)
+        exploring_planner, knowing_planner = self.planners(starts)
+        made = partial(Stack, self.robot, monitor=self.monitor, escapes=escapes)
+        if knowing_planner is exploring_planner:
+            return SimulatedRobot(simulator, made(exploring_planner))
+        return SimulatedRobot(simulator, made(exploring_planner), made(knowing_planner))
 
     def planners(self, robot: Robot) -> Tuple[MoveBase, MoveBase]:
         """Return a robot's planners for worlds without and with a map.

@@ -20,7 +20,7 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
@@ -149,7 +149,7 @@ class TrialRunner:
         self.drive = Drive()
         # Trials of an evaluation alternate between worlds and methods.
         self._world = lru_cache(maxsize=400)(partial(at_scale, settings.protocol, robot=self.robot))
-        self._made = lru_cache(maxsize=None)(partial(methods.make, robot=self.robot))
+        self._made = lru_cache(maxsize=None)(methods.make)
         self._seeing = lru_cache(maxsize=8)(self._simulated_seeing)
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
@@ -160,17 +160,20 @@ class TrialRunner:
             weights: Weights of the policy of the method POLICY.
         """
         world = self._world(task.world_spec)
-        method = self._method(task, weights)
-        pilot = Pilot(method, self.robot, self.settings.period)
+        robot = self.robot
+        if world.map is not None:
+            robot = self.simulated.robot_in(world)
+        method = self._method(task, robot, weights)
+        pilot = Pilot(method, robot, self.settings.period)
         pilot.begin(task.seed)
-        loaded = None
+        theta = pilot.defaults().theta
         if self.settings.loaded and method.static:
             # Parameters that act differently when loaded keep their defaults.
             parameter_set = pilot.between_courses().theta
-            loaded = self.loadable.fill(self.loadable.chosen_of(parameter_set))
-            simulated_robot = self.starting_with(loaded, method.obstacle_range)
+            theta = self.loadable.fill(self.loadable.chosen_of(parameter_set))
+            simulated_robot = self.starting_with(theta, method.obstacle_range)
             # A parameter file drives without the applr node, and so without its rule for stalls.
-            pilot.method = self._fixed(loaded, redraws_stalled=False)
+            pilot.method = self._fixed(theta, redraws_stalled=False)
         else:
             simulated_robot = self._seeing(method.obstacle_range)
 
@@ -180,7 +183,7 @@ class TrialRunner:
             task.seed,
             self.rules,
             period=pilot.period,
-            theta=self.space.theta0 if loaded is None else loaded,
+            theta=theta,
         )
         total_reward = 0.0
         for _ in course_drive.legs(pilot):
@@ -239,8 +242,8 @@ class TrialRunner:
         # Loading stands for a C++ move_base, which has no escape motions.
         return self.settings.simulated(self.simulator, starts, escapes=not self.settings.loaded)
 
-    def _method(self, task: Trial, weights: bytes) -> Method:
-        """Return the method of a trial."""
+    def _method(self, task: Trial, robot: Robot, weights: bytes) -> Method:
+        """Return the method of a trial, which drives with the parameters in use of a robot."""
         if task.theta is not None:
             fixed_set = self._fixed(np.array(task.theta))
             fixed_set.obstacle_range = task.obstacle_range
@@ -249,7 +252,7 @@ class TrialRunner:
             policy = Policy(self.encoding, policy_layers(weights))
             policy.obstacle_range = self.settings.obstacle_range
             return policy
-        return self._made(task.method_spec)
+        return self._made(task.method_spec, robot)
 
     def _fixed(self, theta: Array, redraws_stalled: bool = True) -> Method:
         """Return the method that sets a parameter set (n,) of the robot."""

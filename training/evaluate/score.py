@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, NamedTuple, Seq
 
 import numpy as np
 
-from applr_ros1.drives.judge import TIME_LIMIT
+from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.drives.outcome import CLEAR
 from applr_ros1.robots import Robot
 from training.evaluate.trial import Result

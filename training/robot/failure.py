@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, DrivenToGoal
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED, in_full
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full
 from applr_ros1.why.reasons import held, no_plan
 from applr_ros1.why.stretch import Stretch, durations, first_of
 

@@ -20,7 +20,7 @@ import sim_bridge
 from applr_ros1.common.progress import announced
 from applr_ros1.drives import simulate
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.robots import Robot, check

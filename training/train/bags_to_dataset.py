@@ -27,7 +27,7 @@ from training.train.replay import dataset
 
 with extra(__name__):
     from training.bags.options import BagOptions
-    from training.bags.read import BagError, bags_in, read, refused
+    from training.bags.read import BagError, bags_in, opened
     from training.train.transitions import COLUMNS, decision_period, transitions
 
 
@@ -92,8 +92,8 @@ def run(options: DatasetOptions) -> None:
         skipped: Counter[str] = Counter()
         period = 0.0
         try:
-            with refused(bag):
-                recorded = read(bag, robot, topics, COLUMNS)
+            with opened(bag) as open_bag:
+                recorded = open_bag.drive(robot, topics, COLUMNS)
                 episodes, skipped = transitions(
                     recorded, robot, learnt.observation, reward, options.finish, topics
                 )

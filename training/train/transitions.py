@@ -19,7 +19,7 @@ from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.clocks import scans_apart
 from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Measured, Motion, Scans
-from applr_ros1.drives.judge import TIME_LIMIT
+from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.drives.outcome import Leg, Outcome, outcome_of
 from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS

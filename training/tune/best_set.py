@@ -17,7 +17,7 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
-from applr_ros1.drives.judge import TIME_LIMIT
+from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods

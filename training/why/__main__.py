@@ -22,7 +22,6 @@ from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
 from applr_ros1.policy import methods
-from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.replay import Replay, Watch, replay_of
 from applr_ros1.why.rerun import RerunPlanner
@@ -34,7 +33,7 @@ with extra(__name__):
     from training.why.answer import Answer, lines_of
     from training.why.comparison import compared
     from training.why.recorded import RecordedOptions, recording_of
-    from training.why.remedies import driven_trials
+    from training.why.remedies import driven_trials, possible_guesses
     from training.why.seen_world import seen_grid, write_map
     from training.why.values import values_of
     from training.workers.pool import Pool
@@ -87,11 +86,11 @@ def run(options: WhyOptions) -> None:
         write_map(seen_grid(first_replay.recording), options.map)
     if options.quick:
         diagnosis = diagnose(first_replay, options.at)
-        answer = Answer(diagnosis, guesses_of(diagnosis))
+        answer = Answer(diagnosis, possible_guesses(diagnosis))
     else:
         with Pool(options.workers) as pool:
             diagnosis = diagnose(first_replay, options.at)
-            guesses = guesses_of(diagnosis)
+            guesses = possible_guesses(diagnosis)
             answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
 
     lines = lines_of(answer)
@@ -144,8 +143,7 @@ def with_range_of_method(replay: Replay) -> Replay:
     note if that is the range.
     """
     best_replay = replay
-    needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
-    for needed_range in needed_ranges - {None}:
+    for needed_range in methods.obstacle_ranges(replay.robot):
         if best_replay.share_of_cycles >= ENOUGH:
             break
         note = (

@@ -94,7 +94,10 @@ def how_sure(answer: Answer) -> str:
         reach = SAME_PLACE_M * replay.robot.world_scale
         stops = stops_near(answer.trials.recorded, longest_event, reach)
         stops_in_words = "stops there, too" if stops else "does not stop there"
-        certainty += f"; simulated with the recorded values, the robot {stops_in_words}"
+        deciding_in_words = "with the recorded values"
+        if answer.trials.policy_decided:
+            deciding_in_words = "with its policy, which made the recorded decisions"
+        certainty += f"; simulated {deciding_in_words}, the robot {stops_in_words}"
     return f"{certainty}."
 
 

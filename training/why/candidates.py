@@ -9,21 +9,26 @@ from typing_extensions import override
 
 from applr_ros1.common.files import yaml_value
 from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, INFLATION, STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import section_in_files
+from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
 from applr_ros1.planner.parameters.obstacle_range import ranges
+from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.policy import methods
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import SIGHT_S, crossed_limits
 from applr_ros1.robots.geometry import Box, bounding_box
 from applr_ros1.why.alternatives import LEAST_CHANGE
 
 COSTMAPS = ("local_costmap", "global_costmap")
-CPP_PADDING_M = 0.01  # default of the C++ costmap
-CPP_RATE_HZ = 20.0  # default of the C++ move_base
-CPP_OBSTACLE_RANGE_M = 2.5  # defaults of C++'s obstacle layer
-CPP_RAYTRACE_RANGE_M = 3.0
-CPP_INFLATION_M = 0.55  # defaults of C++'s inflation layer
-CPP_SCALING = 10.0
+# Defaults of C++: of costmap, control rate, sources of an obstacle layer, and inflation layer
+CPP_PADDING_M: float = by_name(COSTMAP)["footprint_padding"].default
+CPP_RATE_HZ: float = by_name(MOVE_BASE)["controller_frequency"].default
+CPP_OBSTACLE_RANGE_M: float = by_name(STATIC_SOURCE)["obstacle_range"].default
+CPP_RAYTRACE_RANGE_M: float = by_name(STATIC_SOURCE)["raytrace_range"].default
+CPP_INFLATION_M: float = by_name(INFLATION)["inflation_radius"].default
+CPP_SCALING: float = by_name(INFLATION)["cost_scaling_factor"].default
 UNUSUAL = 0.4  # logarithm of the ratio to the usual value from which on a value is unusual (1.5)
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
 
@@ -176,10 +181,11 @@ def _ranges(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield the usual ranges of obstacles and of clearing in place of shorter ones.
 
     They are C++'s. Obstacles are marked for at least SIGHT_S at the base's top speed, because a
-    dead end that is marked late is entered, and rays clear what is marked.
+    dead end that is marked late is entered, and as far as the robot's set or policy asks. Rays
+    clear what is marked.
     """
     sight = min(SIGHT_S * robot.base.max_speed, robot.laser.range_max)
-    usual_range = max(CPP_OBSTACLE_RANGE_M, sight)
+    usual_range = max(CPP_OBSTACLE_RANGE_M, sight, *methods.obstacle_ranges(robot))
     usual_ranges = {
         "obstacle_range": ranges(usual_range),
         "raytrace_range": {"raytrace_range": CPP_RAYTRACE_RANGE_M},

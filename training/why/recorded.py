@@ -16,7 +16,7 @@ from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.options import BagOptions
-from training.bags.read import read, refused, topics_in
+from training.bags.read import opened
 from training.common.options import option
 
 CHANNELS = (
@@ -56,15 +56,14 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
     robot = options.robot
     # Who gave the robot is not asked to give it.
     is_given = "robot" in options.model_fields_set
-    with refused(path):
-        types = topics_in(path)
+    with opened(path) as bag:
         # Topics that are options are not looked for.
-        names = names_in(types, options.topics(), options.given_topics())
-        drive = read(path, robot, names, CHANNELS)
+        names = names_in(bag.types, options.topics(), options.given_topics())
+        drive = bag.drive(robot, names, CHANNELS)
         if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
             drive = replace(drive, planned=drive.commands)
         _check_planner(drive, robot, is_given)
-        _check_columns(drive, robot, names, types)
+        _check_columns(drive, robot, names, bag.types)
         return fitted(drive, planner, robot, is_given)
 
 

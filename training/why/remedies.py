@@ -8,7 +8,7 @@ import numpy as np
 
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
-from applr_ros1.why.alternatives import Alternative, together
+from applr_ros1.why.alternatives import Alternative, guesses_of, together
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import ASKED, AT_GOAL
 from applr_ros1.why.replay import Replay
@@ -19,6 +19,7 @@ from training.why.candidates import (
     recorded_changes,
     with_changes,
 )
+from training.why.deciding import decides, undecided
 from training.why.seen_world import seen_grid, seen_world
 from training.why.whole_drives import ROUND, DriveConditions, WholeDriveTrials, limit_of, try_out
 from training.workers.pool import Pool
@@ -52,8 +53,13 @@ def driven_trials(
     if diagnosis.part is not None or longest_event.kind == ASKED:
         return None
     # The settings at the longest event: if they change on the way, no drive can have all of them.
+    # What a policy sets, it sets again.
     settings = replay.history.at(longest_event.begin)
-    robot = with_changes(replay.robot, recorded_changes(replay.robot, settings), replay.robot.name)
+    policy_decides = decides(replay.recording)
+    changes = recorded_changes(replay.robot, settings)
+    if policy_decides:
+        changes = undecided(changes, replay.robot)
+    robot = with_changes(replay.robot, changes, replay.robot.name)
 
     # From where the robot was sent to its goal
     odometry = replay.recording.odometry
@@ -72,12 +78,25 @@ def driven_trials(
         has_monitor=drive.planned is not drive.commands,
         limit=limit_of(seconds),
         ends_at_tolerance=longest_event.kind != AT_GOAL,
+        policy_decides=policy_decides,
     )
     return try_out(conditions, candidates(replay, guesses, robot), pool)
 
 
+def possible_guesses(diagnosis: Diagnosis) -> List[Alternative]:
+    """Return alternatives without those of values that the robot's policy sets anew each second."""
+    guesses = guesses_of(diagnosis)
+    recording = diagnosis.replay.recording
+    if not guesses or not decides(recording):
+        return guesses
+    return [guess for guess in guesses if undecided(guess.changes, recording.robot)]
+
+
 def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> List[Candidate]:
-    """Return the candidates that are driven: the replay's first ones, and values of files."""
+    """Return the candidates that are driven: the replay's first ones, and values of files.
+
+    A value that the robot's policy sets is none.
+    """
     live_candidates: List[Candidate] = []
     for guess in guesses[:LIVE]:
         live_candidates += milder(replay, guess)
@@ -87,6 +106,10 @@ def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> 
     # The replay does not see what values of files would do: unusual ones come before guesses that
     # it ranks low.
     all_candidates = live_candidates[:ROUND] + file_candidates(robot) + live_candidates[ROUND:]
+    if decides(replay.recording):
+        all_candidates = [
+            candidate for candidate in all_candidates if undecided(candidate.changes, robot)
+        ]
     return all_candidates[:CANDIDATES]
 
 

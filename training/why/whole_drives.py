@@ -7,6 +7,7 @@ seeds that did not choose it.
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,17 +16,20 @@ from typing_extensions import override
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import simulate
-from applr_ros1.drives.drive import REACHED, TIMED_OUT
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
+from applr_ros1.policy import methods
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from training.why.candidates import Candidate, with_changes
+from training.why.deciding import POLICY
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool
 from worlds import World
@@ -61,6 +65,7 @@ class DriveConditions(NamedTuple):
         limit: Time after which a drive has failed [s].
         ends_at_tolerance: Whether a drive ends within the goal tolerance, or only when the planner
             reports the goal.
+        policy_decides: Whether the robot's policy decides, as it did in the recorded drive.
     """
 
     robot: Robot
@@ -68,6 +73,7 @@ class DriveConditions(NamedTuple):
     has_monitor: bool
     limit: float
     ends_at_tolerance: bool = True
+    policy_decides: bool = False
 
 
 class Arrival(NamedTuple):
@@ -128,12 +134,14 @@ class WholeDriveTrials(NamedTuple):
         remedy: The candidate that is better with the seeds that judge, or None.
         tried: All candidates with the seeds that chose, the best first.
         judged: Candidates with the seeds that judge, the remedy last.
+        policy_decided: Whether the robot's policy decided in all of them.
     """
 
     recorded: Tried
     remedy: Optional[Tried]
     tried: Sequence[Tried]
     judged: Sequence[Tried] = ()
+    policy_decided: bool = False
 
 
 def limit_of(seconds: float) -> float:
@@ -167,10 +175,14 @@ def drive_once(
         ends_at_tolerance=conditions.ends_at_tolerance,
         limit=limit,
     )
-    # The values in the files stay, even outside the ranges of robot.yaml: nobody decides.
-    driven = simulate.drive(SimulatedRobot(simulator, stack), conditions.world, seed, rules=rules)
-    truth = driven.truth
-    assert truth is not None
+    pilot = None
+    if conditions.policy_decides:
+        pilot = Pilot(methods.make(POLICY, robot), robot)
+    # Without a pilot the values in the files stay, even outside the ranges of robot.yaml.
+    driven = simulate.drive(
+        SimulatedRobot(simulator, stack), conditions.world, seed, pilot, rules=rules
+    )
+    truth = driven.require(Driven).truth
     goal = driven.goals[-1]
     success = goal.status == REACHED and not len(driven.contacts)
     is_timeout = goal.status == TIMED_OUT
@@ -235,8 +247,8 @@ def try_out(
         remedy = Tried(candidate, confirming[candidate])
         judged.append(remedy)
         if _is_better(remedy, recorded) and _is_never_slower(remedy, recorded):
-            return WholeDriveTrials(recorded, remedy, tried, judged)
-    return WholeDriveTrials(recorded, None, tried, judged)
+            return WholeDriveTrials(recorded, remedy, tried, judged, conditions.policy_decides)
+    return WholeDriveTrials(recorded, None, tried, judged, conditions.policy_decides)
 
 
 Drives = Dict[Optional[Candidate], List[Arrival]]
@@ -300,15 +312,16 @@ def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     first, and small ones: the default of a value that hinders says more than what makes up for it.
     """
     known_servers = servers(robot.all_parameters())
-
-    def key(tried: Tried) -> Tuple[bool, bool, float]:
-        is_slower = tried.seconds > NEARLY * finalists[0].seconds
+    ranked: List[Tuple[Tuple[bool, bool, float], Candidate]] = []
+    for tried in finalists:
         candidate = tried.candidate
-        assert candidate is not None
-        return is_slower, _leads_away(candidate, known_servers), candidate.departure
-
-    ordered = sorted(finalists, key=key)
-    return [tried.candidate for tried in ordered if tried.candidate is not None]
+        if candidate is None:
+            continue
+        is_slower = tried.seconds > NEARLY * finalists[0].seconds
+        rank = is_slower, _leads_away(candidate, known_servers), candidate.departure
+        ranked.append((rank, candidate))
+    ranked.sort(key=itemgetter(0))
+    return [candidate for _, candidate in ranked]
 
 
 def _leads_away(candidate: Candidate, known: Mapping[str, Server]) -> bool:

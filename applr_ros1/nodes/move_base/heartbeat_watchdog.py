@@ -46,8 +46,7 @@ class HeartbeatWatchdog:
 def start_up_settings(move_base: MoveBase, space: Space) -> Settings:
     """Return the settings that restore a space's parameters to the planner's start-up values.
 
-    These may exceed the robot's max_speed, which then limits the commands as it does from the start
-    on (MoveBaseNode).
+    These may exceed max_speed: the last guard then slows the commands (MoveBaseNode).
 
     Args:
         move_base: The MoveBase.

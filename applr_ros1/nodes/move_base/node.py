@@ -244,7 +244,11 @@ class MoveBaseNode:
             getattr(self.goals, f"set_{outcome}")(text=text)
 
     def _send(self, v: float, w: float) -> None:
-        """Publish a command, slowed along the same arc if its speed exceeds max_speed."""
+        """Publish a command, slowed along the same arc if its speed exceeds max_speed.
+
+        It is the last guard of the limit, which the Pilot owns (policy/pilot.py): parameters that
+        others set, or that the watchdog restores, may be faster.
+        """
         if abs(v) > self._max_speed:
             w = w * self._max_speed / abs(v)
             v = math.copysign(self._max_speed, v)

@@ -19,7 +19,7 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.kernels import cache_folder
 from applr_ros1.common.progress import announced
 from applr_ros1.drives import simulate
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker

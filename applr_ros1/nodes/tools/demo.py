@@ -43,7 +43,7 @@ from applr_ros1.drives.drive import (
     DrivenToGoal,
     Goal,
 )
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED, ended_early, in_full
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, ended_early, in_full
 from applr_ros1.drives.page import PageScene, Shown, contact_note, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters

@@ -94,10 +94,10 @@ class DWAPlanner(SamplingPlanner):
         record["sum_scores"] = self._sum_scores
         record["cheat_factor"] = self._cheat_factor
         for parameter_name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
-            record[parameter_name] = np.float32(self._values[parameter_name])
+            record[parameter_name] = np.float32(record[parameter_name])
         resolution = 1.0 if resolution is None else resolution
-        record["path_scale"] = resolution * self._values["path_distance_bias"]
-        record["goal_scale"] = resolution * self._values["goal_distance_bias"]
+        record["path_scale"] = resolution * record["path_distance_bias"]
+        record["goal_scale"] = resolution * record["goal_distance_bias"]
         record["alignment_scale"] = record["path_scale"]
 
     def _allocate_scratch(self, *samples: int) -> Any:

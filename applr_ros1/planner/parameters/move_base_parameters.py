@@ -142,8 +142,8 @@ APPLR_NODE = (
         "parameters are restored.", beyond="error"),
     real("max_speed", 0.0, 0.0, INF, "m/s",
         "Largest speed of a command, forwards and backwards. A faster command is slowed down along "
-        "its arc. 0 sets no limit. If the applr node dies, max_vel_x is restored to at most this "
-        "speed.", beyond="error"),
+        "its arc, whoever set the parameters. 0 sets no limit. The applr node has a max_speed of "
+        "its own, below which it chooses.", beyond="error"),
     flag("movers", False,
         "Whether both costmaps mark the predicted positions of moving obstacles from "
         "applr/predicted, as an additional source of each layer that has a laser."),

@@ -7,7 +7,7 @@ kernels.
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Collection, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -35,8 +35,12 @@ from applr_ros1.planner.trajectory.sampling import find_best_path, remember
 from applr_ros1.planner.trajectory.scoring import Score, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-# weights of the parts of a cost
-WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
+# fields of PARAMETERS that weight the parts of a cost, by the names of their parameters
+WEIGHTS = {
+    "path_distance_bias": "path_scale",
+    "goal_distance_bias": "goal_scale",
+    "occdist_scale": "occdist_scale",
+}
 
 
 def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
@@ -61,6 +65,7 @@ class TrajectoryPlanner(SamplingPlanner):
     PARAMETERS = PARAMETERS
     STATE = STATE
     SAMPLES = ("vx_samples", "vtheta_samples")
+    DERIVED = ("path_scale", "goal_scale", "sim_period")
 
     def __init__(
         self,
@@ -79,9 +84,11 @@ class TrajectoryPlanner(SamplingPlanner):
         # C++ scales the two weights as soon as it knows the costmap
         # (TrajectoryPlannerROS::initialize).
         record["sim_period"] = self._sim_period
+        weight_per_cell = 1.0
         if self._meter_scoring and resolution is not None:
-            record["path_distance_bias"] *= resolution
-            record["goal_distance_bias"] *= resolution
+            weight_per_cell = resolution
+        record["path_scale"] = weight_per_cell * record["path_distance_bias"]
+        record["goal_scale"] = weight_per_cell * record["goal_distance_bias"]
 
     def _allocate_scratch(self, *samples: int) -> Any:
         return allocate_scratch(*samples)
@@ -129,15 +136,15 @@ class TrajectoryPlanner(SamplingPlanner):
         return np.array(samples), costs, cost_parts
 
     def _costs(
-        self, costmap: Costmap, samples: Sequence[Twist], weights: Sequence[str]
+        self, costmap: Costmap, samples: Sequence[Twist], weights: Collection[str]
     ) -> np.ndarray:
         """Return the costs (m,) of samples (v, w) if only the named weights are not 0."""
         scene = self._scene_of(costmap)
         start = self._scratch.start[0]
         params = self._params.copy()
-        for weight_name in WEIGHTS:
+        for weight_name, field_name in WEIGHTS.items():
             if weight_name not in weights:
-                params[weight_name] = 0.0
+                params[field_name] = 0.0
         costs = []
         for v, w in samples:
             costs.append(score(params, scene, self._grids, start, Velocity(v, 0.0, w)).cost)
@@ -214,7 +221,7 @@ class TrajectoryPlanner(SamplingPlanner):
             return np.zeros((0, 7), np.float32)
         path_distances, goal_distances, within_robot = self.grids()
         p = self._params[0]
-        cost_weights = (p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"])
+        cost_weights = (p["path_scale"], p["goal_scale"], p["occdist_scale"])
         return cost_cloud(costmap, path_distances, goal_distances, within_robot == 0, cost_weights)
 
     def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:

@@ -9,14 +9,14 @@ from applr_ros1.planner import distance_grid
 from applr_ros1.planner.distance_grid import DistanceGrid
 from applr_ros1.planner.sampling_planner import START, record
 
-# Parameters of the planner in one record [m, rad, s]. The two biases are already per cell
-# (meter_scoring).
+# Parameters of the planner in one record [m, rad, s]. path_scale and goal_scale are the two
+# distance biases per cell (meter_scoring).
 PARAMETERS = record(
     "acc_lim_x acc_lim_y acc_lim_theta max_vel_x min_vel_x max_vel_theta min_vel_theta "
     "min_in_place_vel_theta escape_vel sim_time sim_granularity angular_sim_granularity "
     "path_distance_bias goal_distance_bias occdist_scale heading_lookahead "
     "heading_scoring_timestep oscillation_reset_dist escape_reset_dist escape_reset_theta "
-    "sim_period",
+    "path_scale goal_scale sim_period",
     "vx_samples vtheta_samples dwa heading_scoring simple_attractor",
 )
 

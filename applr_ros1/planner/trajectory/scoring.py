@@ -98,7 +98,7 @@ def step_count(p: Record, sample: Velocity) -> int:
 @kernel
 def terms(p: Record, path_distance: float, goal_distance: float) -> float:
     """Return the sum of the path and goal terms of a cost. The distances are in cells."""
-    return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
+    return p.path_scale * path_distance + goal_distance * p.goal_scale
 
 
 @kernel
@@ -206,8 +206,8 @@ def score_below(
 
     total_cost = terms(p, path_distance, goal_distance) + p.occdist_scale * obstacle_cost
     if p.heading_scoring:  # C++ adds the terms in another order here.
-        total_cost = p.occdist_scale * obstacle_cost + p.path_distance_bias * path_distance
-        total_cost = total_cost + 0.3 * heading_difference + goal_distance * p.goal_distance_bias
+        total_cost = p.occdist_scale * obstacle_cost + p.path_scale * path_distance
+        total_cost = total_cost + 0.3 * heading_difference + goal_distance * p.goal_scale
     return Score(total_cost, steps, end_x, end_y, end_theta)
 
 

@@ -76,14 +76,14 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     planner.find_best_path(costmap, ORIGIN, STANDING)
     # A reconfigure sets the server's values again, which are per metre.
     for _ in range(2):
-        assert planner.in_force["path_distance_bias"] == 0.75 * resolution
-        assert planner.in_force["goal_distance_bias"] == 1.0 * resolution
+        assert planner.in_force["path_scale"] == 0.75 * resolution
+        assert planner.in_force["goal_scale"] == 1.0 * resolution
         assert planner.in_force["occdist_scale"] == 0.1
         planner.reconfigure(PARAMS)
 
     unscaled = make_planner(meter_scoring=False)
     unscaled.find_best_path(costmap, ORIGIN, STANDING)
-    assert unscaled.in_force["path_distance_bias"] == 0.75
+    assert unscaled.in_force["path_scale"] == 0.75
 
 
 @pytest.mark.parametrize("heading_scoring", [False, True])

@@ -14,7 +14,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer
 
 import worlds
@@ -35,7 +35,6 @@ from applr_ros1.drives.drive import (
     Goal,
     Motion,
 )
-from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from applr_ros1.policy.encoding import PaperEncoding
@@ -49,7 +48,7 @@ from training.appld import __main__ as appld
 from training.appld import demonstrate
 from training.appld.scripted_driver import Demonstrator
 from training.bags.maker import Maker
-from training.bags.read import bags_in, read
+from training.bags.read import BagError, bags_in, read
 from training.bags.write import BagWriter, write
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
@@ -559,7 +558,7 @@ def test_code_in_a_message_definition_is_not_run(tmp_path):
                 md5sum="1" * 32,
             )
             writer.write(connection, SECOND, b"\1")
-        with pytest.raises(AnyReaderError):
+        with pytest.raises(BagError, match=f"{number}.bag: "):
             read(bag_path)
     assert not (tmp_path / "ran").exists()
 
@@ -838,15 +837,7 @@ class RecordedEnv(ApplrEnv):
     """Environment whose drives have all columns."""
 
     def begin(self, world, seed):
-        return CourseDrive(
-            self.simulated,
-            world,
-            seed,
-            self.rules,
-            period=self.settings.period,
-            theta=self.space.theta0,
-            record=True,
-        )
+        return super().begin(world, seed, record=True)
 
 
 def driven(path, observation, world, time_limit, **settings):

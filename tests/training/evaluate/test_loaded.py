@@ -12,7 +12,7 @@ from applr_ros1 import robots
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE, space_of
-from applr_ros1.policy.stall import StallRule
+from applr_ros1.policy.stall_rule import StallRule
 from applr_ros1.robots.robot import MoveBaseSetup
 from tests.support.robots import make_weights
 from training.env.settings import TrialSettings

@@ -21,7 +21,7 @@ import pandas as pd
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.judge import Rules
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, lines_with, runs

@@ -15,7 +15,7 @@ from applr_ros1.drives.drive import (
     Refusals,
     Verdicts,
 )
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED
 from applr_ros1.monitor.monitor import REVERSING
 from tests.support.measured_drives import stopped_drive
 from training.robot.failure import STANDS, failure_of

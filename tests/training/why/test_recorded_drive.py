@@ -9,12 +9,13 @@ import pytest
 
 from applr_ros1.common.angles import compose, inverse, quaternion_of
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives import places
 from applr_ros1.drives.columns import COLUMNS, Sender, TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
 from applr_ros1.drives.frames import Tree
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import fitting
-from applr_ros1.why.fitting import followed_plans, plans_of
+from applr_ros1.why.fitting import plans_of
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
@@ -43,6 +44,13 @@ def read_back(path, **options):
 def fitted(drive):
     """Return the recording of a drive of the Jackal whose columns are made to fit."""
     return fitting.fitted(drive, PLANNER, JACKAL)
+
+
+def followed(drive, tree=None):
+    """Return the plans that were followed in a drive, with frames as in a tree."""
+    tree = tree or Tree(None)
+    route_frame = places.route_frame(drive, tree, drive.planned)
+    return plans_of(drive, drive.planned, drive.odometry, route_frame, PLANNER)
 
 
 def through_a_bag(path, drive):
@@ -166,7 +174,7 @@ def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
     drive = straight(10.0, 5.0)
     # The last pose lies 4.25 m behind the one before it, at 4.75 m.
     drive.odometry.pose[-1, 0] = 0.5
-    plans = followed_plans(drive, Tree(None), PLANNER)
+    plans = followed(drive)
     first_plan = plans.path[0]
     last_plan = plans.path[-1]
     assert first_plan[0, 0] == 0.0
@@ -176,29 +184,29 @@ def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
 
 def test_empty_plans_alone_are_replaced_by_parts_of_the_global_planners(driven):
     drive = replace(until(driven, 2.0), frames={"routes": ["odom"]})
-    assert plans_of(drive, Tree(None), PLANNER) is drive.plans
+    assert followed(drive) is drive.plans
 
     empty_paths = [np.zeros((0, 3))] * len(drive.plans)
     empty_plans = replace(drive.plans, path=empty_paths)
     drive.plans = empty_plans
-    plans = plans_of(drive, Tree(None), PLANNER)
+    plans = followed(drive)
     assert len(plans)
     assert all(map(len, plans.path))
 
     # Without the global planner's, there is nothing to replace them with.
     drive.routes = None
-    assert plans_of(drive, Tree(None), PLANNER) is empty_plans
+    assert followed(drive) is empty_plans
 
 
 def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
     drive = straight(2.0, 0.5)
     drive.frames["routes"] = ["map"]
     with pytest.raises(Exception, match="the plan is in map, the odometry in odom: record /tf"):
-        followed_plans(drive, Tree(None), PLANNER)
+        followed(drive)
 
     odom_in_map = (3.0, 0.0, 0.6)
     tree = Tree(links([(0.0, "map", "odom", odom_in_map)], is_static=True))
-    plans = followed_plans(drive, tree, PLANNER)
+    plans = followed(drive, tree)
 
     # A point of the route in map lies on the plan in odom, with its heading there.
     x, y, yaw = compose(inverse(odom_in_map), (4.0, 0.0, 0.0))
@@ -213,7 +221,7 @@ def test_commands_without_a_plan_or_after_the_goal_have_none():
     drive.routes = Plans(np.array([0.5]), drive.routes.path)
     # The route comes after 0.5 s, and the goal is reached after 1.5 s of the 2 s.
     drive.goals = [Goal("g", 0.0, 1.5)]
-    times = followed_plans(drive, Tree(None), PLANNER).time
+    times = followed(drive).time
     assert times.min() == pytest.approx(0.5)
     assert times.max() == pytest.approx(1.5)
 

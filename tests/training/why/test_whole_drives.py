@@ -14,6 +14,7 @@ from applr_ros1.drives.drive import Plans, SentGoal
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.policy import methods
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import ASKED, Event
 from applr_ros1.why.recording import Recording
@@ -181,11 +182,23 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
     MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
 
 
-def test_a_fast_robot_is_tried_with_obstacles_marked_two_seconds_ahead_and_cleared_beyond():
-    words = "obstacle_range 2.5 -> 4, raytrace_range 3 -> 4.5 in both costmaps"
-    (farther,) = (candidate for candidate in file_candidates(JACKAL) if str(candidate) == words)
-    tree = with_changes(JACKAL, farther.changes, "jackal that sees farther").parameters()
-    assert [source.obstacle_range for source in laser_sources(tree)] == [4.0, 4.0]
+def test_a_robot_is_tried_with_obstacles_marked_two_seconds_ahead_or_as_far_as_its_policy_asks(
+    monkeypatch,
+):
+    def tried_ranges():
+        """Return the ranges that the candidate gives to both costmaps, cleared beyond."""
+        (farther,) = (
+            candidate
+            for candidate in file_candidates(JACKAL)
+            if candidate.names == ["obstacle_range", "raytrace_range"]
+        )
+        robot = with_changes(JACKAL, farther.changes, "jackal that sees farther")
+        return [source.obstacle_range for source in laser_sources(robot.parameters())]
+
+    # The included policy was made for 5 m.
+    assert tried_ranges() == [5.0, 5.0]
+    monkeypatch.setattr(methods, "obstacle_ranges", lambda robot: set())
+    assert tried_ranges() == [4.0, 4.0]
     # The Burger, which drives 0.22 m/s, sees far enough.
     for candidate in file_candidates(BURGER):
         assert "obstacle_range" not in candidate.names

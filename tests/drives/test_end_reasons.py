@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.drives.drive import ABORTED, Drive, DriveError, Goal, Motion
-from applr_ros1.drives.ending import ODOMETRY_ARRIVED, TOO_EARLY, ended_early, in_full
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, TOO_EARLY, ended_early, in_full
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Judge of a course: the rules by which the drive along it ends.
+"""Rules by which the drive along a course ends.
 
 A drive asks after each control cycle, and for a stall and the time limit after each decision
 period (simulate.py).
@@ -10,7 +10,7 @@ from typing import NamedTuple, Optional
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.drives.drive import ABORTED, FLIPPED, REACHED, STALLED, TIMED_OUT, TOUCHED
-from applr_ros1.drives.ending import ended_early
+from applr_ros1.drives.end_reasons import ended_early
 from applr_ros1.stack.simulated import Tick
 from worlds import Course
 
@@ -44,7 +44,7 @@ class Rules:
 
     Attributes:
         end_on_contact: Whether a contact ends the course, as under the BARN Challenge's protocol.
-        end_on_stall: Whether a stall (policy/stall.py) ends the course as a failure.
+        end_on_stall: Whether a stall (policy/stall_rule.py) ends the course as a failure.
         ends_at_tolerance: Whether the course ends as soon as the robot is within the planner's goal
             tolerance, or only when the planner reports its goal as reached, after it has also
             turned to the goal's heading.

@@ -57,7 +57,7 @@ class Stall:
     An example is a robot whose planner keeps turning and backing in a dead end.
 
     In training a stall ends the episode as a failure if `end_on_stall` is set
-    (drives/judge.py).
+    (drives/end_rules.py).
 
     Args:
         scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
@@ -162,7 +162,7 @@ class Stuck:
         """Forget all positions at the start of a course."""
         self._stall.reset()
         self._dead_end.reset()
-        self._begin_place: Optional[Tuple[float, float]] = None  # place where it got stuck [m]
+        self._begin_place: Optional[Tuple[float, float]] = None  # place at which it got stuck [m]
 
     @property
     def stands(self) -> bool:

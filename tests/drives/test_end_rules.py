@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.drives.drive import FLIPPED, REACHED, STALLED, TIMED_OUT, TOUCHED
-from applr_ros1.drives.judge import Destination, Rules
+from applr_ros1.drives.end_rules import Destination, Rules
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.stack.simulated import Tick
 from applr_ros1.stack.stack import Step
