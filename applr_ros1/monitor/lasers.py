@@ -9,6 +9,7 @@ import numpy as np
 
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory
+from applr_ros1.monitor.moving import CertainTracks
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import MoverTracker
@@ -29,9 +30,10 @@ class WatchedLaser:
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
-        movers: tracked obstacles in the latest scan, in the odometry's frame.
+        suspects: what moves in the odometry's frame, where slipping wheels move what stands, too.
+        movers: what moves in the frame of corrected poses.
         gaps: points (n, 2) [m] of the latest scan from behind which something may come, in the
-            odometry's frame; none if nothing does.
+            same frame; none if nothing does.
     """
 
     def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
@@ -40,15 +42,16 @@ class WatchedLaser:
         self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
-        self.tracker = MoverTracker(settings.max_speed, settings.max_yaw_rate, settings.scan_period)
+        limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
+        self.suspects = CertainTracks(MoverTracker(*limits))
+        self.movers = CertainTracks(MoverTracker(*limits))
         self.count = 0
         self.clear()
 
     def clear(self) -> None:
         """Forget the scans."""
         self.forget_place()
-        self.tracker.reset()
-        self.movers = self.tracker.movers
+        self.forget_tracks()
         self.check.clear()
         self.stamp: Optional[float] = None
         self.latest: Optional[float] = None
@@ -62,6 +65,11 @@ class WatchedLaser:
         """
         self.memory.clear()
         self.gaps = np.empty((0, 2))
+
+    def forget_tracks(self) -> None:
+        """Forget what moves, because poses are corrected anew."""
+        self.suspects.clear()
+        self.movers.clear()
 
 
 class Lasers:

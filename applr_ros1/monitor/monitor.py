@@ -21,7 +21,6 @@ from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
     Discs,
-    certain,
     gaps_in,
     hidden_discs,
     tracked_discs,
@@ -228,13 +227,12 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
-        laser.movers = certain(laser.tracker.update(scan), laser.movers)
-        if self.settings.mover_speed > 0.0:
-            laser.gaps = gaps_in(scan)
+        suspects = laser.suspects.update(scan)
 
         # The first laser corrects the pose, before any point of the scan is stored.
         if laser is self._lasers.first:
-            self.matcher.add_scan(without_movers(scan, laser.movers))
+            is_partial = len(suspects.x) > 0
+            self.matcher.add_scan(without_movers(scan, suspects), is_partial)
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (
@@ -242,6 +240,13 @@ class CollisionMonitor:
                     "check that one robot publishes it"
                 )
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
+
+        # While the wheels slip, what stands seems to move in the odometry's frame. In that of the
+        # corrected poses only what moves does.
+        laser.movers.update(scan)
+        if self.settings.mover_speed > 0.0:
+            laser.gaps = gaps_in(scan)
+
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
         self.seen.forget(laser.memory.update(scan))
@@ -258,6 +263,8 @@ class CollisionMonitor:
             # The poses were corrected by the scans of the stray.
             self.matcher.clear()
             self._forget_place()
+            for watched in self._lasers:
+                watched.forget_tracks()
 
     def _forget_place(self) -> None:
         """Discard obstacles, observed space and motion, because the robot is elsewhere."""
@@ -306,7 +313,6 @@ class CollisionMonitor:
         problem = problem or self._frozen(time - pose_age, pose, twist)
         if problem:
             return Verdict.stop(self.braked(time, v), problem)
-        discs = self._discs(pose, time - pose_age)
         pose = self.matcher.corrected(pose)
         self.motion.take(time - pose_age, pose, v)
         pose_velocity = self.motion.velocity
@@ -315,6 +321,7 @@ class CollisionMonitor:
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
             return Verdict.stop(self.braked(time, v), problem)
 
+        discs = self._discs(pose, time - pose_age)
         verdict = self._judge(pose, self.motions(twist), discs, command, creeps)
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
         # output counts.
@@ -430,7 +437,7 @@ class CollisionMonitor:
         """Return where moving obstacles may be.
 
         Args:
-            pose: pose (x, y, yaw) of the robot in the odometry frame.
+            pose: corrected pose (x, y, yaw) of the robot.
             stamp: time of this pose [s].
         """
         settings = self.settings
@@ -439,11 +446,10 @@ class CollisionMonitor:
             if laser.stamp is None:
                 continue
             age = stamp - laser.stamp
-            if len(laser.movers.x):
+            movers = laser.movers.latest
+            if len(movers.x):
                 acceleration = settings.mover_acceleration
-                discs.append(
-                    tracked_discs(laser.movers, self._body.planes, pose, age, acceleration)
-                )
+                discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
             if len(laser.gaps):
                 discs.append(hidden_discs(laser.gaps, pose, age, settings.mover_speed))
         return np.concatenate(discs) if discs else NO_DISCS

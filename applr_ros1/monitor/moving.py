@@ -18,7 +18,7 @@ from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
-from applr_ros1.movers.tracker import Movers
+from applr_ros1.movers.tracker import Movers, MoverTracker
 
 # Standard deviations of a tracked position by which its disc is larger. Half of the filter's
 # deviation, 0.08 m/s, is more than the median error that was measured for the Jackal.
@@ -73,14 +73,29 @@ class BodyPose(NamedTuple):
     sin_yaw: float
 
 
-def certain(movers: Movers, before: Movers) -> Movers:
-    """Return the tracked obstacles whose velocities are, or were, certain enough to act on.
+class CertainTracks:
+    """Tracked obstacles in one frame whose velocities are, or were, certain enough to act on.
 
-    before: those of the scan before.
+    Attributes:
+        latest: those in the latest scan.
     """
-    is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
-    is_certain |= np.isin(movers.id, before.id)
-    return Movers(*(values[is_certain] for values in movers))
+
+    def __init__(self, tracker: MoverTracker):
+        self._tracker = tracker
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all tracks."""
+        self._tracker.reset()
+        self.latest = self._tracker.movers
+
+    def update(self, scan: LaserScan) -> Movers:
+        """Follow the tracks in a scan, and return those that are certain."""
+        movers = self._tracker.update(scan)
+        is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
+        is_certain |= np.isin(movers.id, self.latest.id)
+        self.latest = Movers(*(values[is_certain] for values in movers))
+        return self.latest
 
 
 def tracked_discs(
@@ -89,10 +104,10 @@ def tracked_discs(
     """Return the DISCs (n,) of tracked obstacles.
 
     Args:
-        movers: Tracked obstacles in the odometry's frame.
+        movers: Tracked obstacles in the frame of the pose.
         planes: (k, 3) half planes of the robot's outline. What the laser sees in the middle of it
             is a part of the robot, and has no disc.
-        robot_pose: Pose (x, y, yaw) of the robot in the odometry's frame.
+        robot_pose: Pose (x, y, yaw) of the robot.
         age: Time from the scan of the tracked obstacles to this pose [s].
         acceleration: Largest change of their velocities [m/s^2].
     """
