@@ -20,7 +20,7 @@ LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let g
 
 
 class WatchedLaser:
-    """State of one laser: obstacle memory, tracker, fault check, and its latest scan.
+    """State of one laser: obstacle memory, trackers, fault check, and its latest scan.
 
     Attributes:
         topic: name of its topic, "" for that of the robot's first laser.
