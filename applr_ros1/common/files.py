@@ -9,7 +9,7 @@ import re
 import traceback
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterator
+from typing import Any, BinaryIO, Dict, Iterator
 from xml.etree.ElementTree import ParseError
 
 import yaml
@@ -17,6 +17,7 @@ import yaml
 from applr_ros1.common.errors import ApplrError, reason
 
 DAMAGED = "the file is damaged or of another kind"
+PARTIAL = ".partial"  # end of the name of a file that is not complete
 DEEPEST_LEVEL = 50  # largest number of levels of a YAML file; parameter files have about five
 MOST_VALUES = 100_000  # largest number of values of a YAML file, with those of each alias
 
@@ -75,19 +76,32 @@ def _place(error: Exception) -> str:
 
 def write_bytes(path: Any, data: bytes) -> None:
     """Write a file atomically: a crash leaves the old file or the new one, never a partial one."""
+    with written_whole(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def written_whole(path: Any) -> Iterator[BinaryIO]:
+    """Open a file to write that has a temporary name until the block has ended.
+
+    A crash leaves the old file or the new one, never a partial one. An error of the block leaves
+    the old one, too; one of the operating system becomes an ApplrError of one line.
+    """
     if os.path.lexists(path) and not os.path.isfile(path):  # Renaming would replace a device.
         raise ApplrError(f"{path}: a folder, pipe or device; give the path of a regular file")
-    partial_path = f"{path}.{os.getpid()}.partial"
+    partial_path = f"{path}.{os.getpid()}{PARTIAL}"
     try:
         with open(partial_path, "wb") as partial_file:
-            partial_file.write(data)
+            yield partial_file
             # Without fsync, a power failure after the renaming could leave an empty file.
             partial_file.flush()
             os.fsync(partial_file.fileno())
         os.replace(partial_path, path)
-    except OSError as problem:
+    except BaseException as problem:
         if os.path.exists(partial_path):
             os.unlink(partial_path)
+        if not isinstance(problem, OSError):
+            raise
         failure = f"cannot be written ({reason(problem)}); the file there is untouched"
         raise ApplrError(f"{path}: {failure}") from None
 

@@ -1,6 +1,6 @@
 """A drive as the messages of a bag: from rows that were unpacked, and to rows to be packed.
 
-The reader and the writer of bags (training/bags) call it. It needs neither ROS nor rosbags.
+received.py and the writer of bags (training/bags) call it. It needs neither ROS nor rosbags.
 """
 
 import math

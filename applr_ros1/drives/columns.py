@@ -14,6 +14,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, DriveError
+from applr_ros1.monitor.monitor import STOP
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import FARTHEST_M, beginning
 from applr_ros1.robots import Robot
@@ -50,6 +51,7 @@ class TopicNames:
     collision: str = "/sim_bridge/collision"
     applr: str = "/applr"
     command: str = "/cmd_vel"
+    monitor: str = "/collision_monitor"
     demonstration: str = "/demonstration"
     tf: str = "/tf"
     tf_static: str = "/tf_static"
@@ -346,6 +348,18 @@ def _pack_goal(row: Mapping[str, Any], sender: Sender) -> Fields:
     return {"header": sender.header(row["time"], row["frame"]), "pose": _pose(row["pose"])}
 
 
+# -- monitor ---------------------------------------------------------------------------------------
+def _unpack_verdict(message: Any) -> List[Row]:
+    """Return action and reason of the collision monitor, which publishes each change."""
+    action, _, reason = message.data.partition(": ")
+    return [{"action": action, "reason": reason, "blocked": action == STOP}]
+
+
+def _pack_verdict(row: Mapping[str, Any], sender: Sender) -> Fields:
+    """Return a std_msgs/String, as the monitor's node does."""
+    return {"data": ": ".join(filter(None, (row["action"], row["reason"])))}
+
+
 # -- decisions and contacts ------------------------------------------------------------------------
 def _unpack_decision(message: Any) -> List[Row]:
     """Return the row of a decision, or of the end of a course (msg/Decision.msg)."""
@@ -506,6 +520,7 @@ COLUMNS: Dict[str, Column] = {
         "{move_base}/cmd_vel", "geometry_msgs/msg/Twist", _unpack_command, _pack_command
     ),
     "commands": Column("{command}", "geometry_msgs/msg/Twist", _unpack_command, _pack_command),
+    "verdicts": Column("{monitor}/action", "std_msgs/msg/String", _unpack_verdict, _pack_verdict),
     "contacts": Column("{collision}", "std_msgs/msg/Bool", _unpack_contact, _pack_contact),
     "recoveries": Column(
         "{move_base}/recovery_status",

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import os
 from functools import lru_cache
-from typing import Iterable, Tuple
+from typing import Any, Dict, Iterable, Tuple
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import check
@@ -84,8 +84,22 @@ def forget() -> None:
 @lru_cache(maxsize=32)
 def _read(folder: str) -> Robot:
     """Return the robot in a folder, read once per process."""
+    return described(read_yaml(os.path.join(folder, FILE)), os.path.basename(folder), folder)
+
+
+def described(content: Dict[str, Any], name: str, folder: str) -> Robot:
+    """Return the robot that the content of a robot.yaml describes.
+
+    Args:
+        content: What the file holds (RobotFile).
+        name: Name of the robot.
+        folder: Where its other files are, also if there is no such folder.
+
+    Raises:
+        RobotError: The content has errors.
+    """
     try:
-        fields = dict(RobotFile.model_validate(read_yaml(os.path.join(folder, FILE))))
+        fields = dict(RobotFile.model_validate(content))
     except ValidationError as error:
         raise RobotError(folder, check.refused(error)) from None
     move_base = fields.pop("move_base").loaded(folder)
@@ -95,6 +109,23 @@ def _read(folder: str) -> Robot:
         space = default_space(fields["base"], fields["body"], move_base.without_map)
     else:
         space = tuple(space.values())
-    return Robot(
-        **fields, name=os.path.basename(folder), folder=folder, space=space, move_base=move_base
-    )
+    return Robot(**fields, name=name, folder=folder, space=space, move_base=move_base)
+
+
+def content_of(robot: Robot) -> Dict[str, Any]:
+    """Return the content of a robot.yaml of which `described` makes the robot, in plain values.
+
+    The parameters of move_base that are in use stand in it, so that it needs no other file.
+    """
+    content: Dict[str, Any] = {}
+    for section_name in RobotFile.model_fields:
+        section = getattr(robot, section_name, None)
+        if isinstance(section, BaseModel):
+            content[section_name] = section.model_dump(mode="json")
+    space = {}
+    for parameter in robot.space:
+        space[parameter.name] = parameter.model_dump(mode="json")
+    content["world_scale"] = robot.world_scale
+    content["parameter_space"] = space
+    content["move_base"] = {"parameters": robot.parameters()}
+    return content

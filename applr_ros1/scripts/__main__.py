@@ -13,6 +13,7 @@ from applr_ros1.common.errors import run_script
 
 NODES = {  # modules of the ROS nodes, which accept only NAME:=VALUE
     "applr": "applr_ros1.nodes.applr.main",
+    "black_box": "applr_ros1.nodes.black_box.node",
     "collision_monitor": "applr_ros1.nodes.monitor.guard",
     "move_base": "applr_ros1.nodes.move_base.node",
     "movers": "applr_ros1.nodes.movers.node",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.why import events
-from applr_ros1.why.events import AT_GOAL, Event
+from applr_ros1.why.events import AT_GOAL, DriveLimits, Event
 from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_robot
 from applr_ros1.why.reasons import (
     held,
@@ -62,7 +62,7 @@ class Diagnosis:
     @property
     def longest(self) -> Optional[Event]:
         """Event that took most time."""
-        return max(self.events, key=lambda event: event.seconds, default=None)
+        return events.longest(self.events)
 
     @property
     def wants_remedy(self) -> bool:
@@ -84,6 +84,34 @@ class Diagnosis:
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
+def outside_events(
+    drive: Drive, odometry: Motion, limits: DriveLimits, period: float
+) -> List[Event]:
+    """Return the events of a drive with the reasons that are seen from outside the planner.
+
+    They need no replay, so that they are known for every local planner.
+
+    Args:
+        drive: The drive.
+        odometry: Motion in which events are seen.
+        limits: What it is measured by.
+        period: Control period of the planner [s]; 0 if it is unknown.
+    """
+    found_events = events.find(drive, odometry, limits)
+    for event in found_events:
+        give_outside_reason(event, drive, period)
+    return found_events
+
+
+def give_outside_reason(event: Event, drive: Drive, period: float) -> None:
+    """Set the reason of an event that is seen from outside the planner, if there is one."""
+    stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
+    event.reason = first_of(OUTSIDE, stretch)
+    event.is_outside = bool(event.reason)
+    if not event.reason and event.kind != AT_GOAL:
+        event.reason = late(stretch)
+
+
 def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
     """Return the diagnosis of a replayed drive.
 
@@ -103,12 +131,26 @@ def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
 
     # Why it happened
     for event in found_events:
-        explained = _explanations(replay, event)
-        event.reason = _reason(replay, event, explained)
-        diagnosis.explained.append(explained)
+        diagnosis.explained.append(explain_event(replay, event))
     if found_events:
         diagnosis.part = part_of_robot(replay)
     return diagnosis
+
+
+def explain_event(replay: Replay, event: Event) -> List[Explanation]:
+    """Set the reason of an event of a replayed drive, and return explanations of its cycles."""
+    explained = _explanations(replay, event)
+    give_outside_reason(event, replay.drive, replay.planner.period)
+    if event.is_outside or not explained:
+        return explained
+    # The middle one of the explained cycles stands for the event.
+    middle_explanation = explained[len(explained) // 2]
+    if event.kind == AT_GOAL and not middle_explanation.is_blocked:
+        cycles = replay.between(event.begin, event.end)
+        event.reason = at_goal(replay.planner, cycles[-1].settings)
+    elif middle_explanation.words:
+        event.reason = middle_explanation.words
+    return explained
 
 
 def _explanations(replay: Replay, event: Event) -> List[Explanation]:
@@ -123,21 +165,3 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
         if cycle.command[0] <= median_speed:
             slow_cycles.append(cycle)
     return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
-
-
-def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> str:
-    """Return in words why an event happened, or ""."""
-    stretch = Stretch(replay.drive, event.begin, event.end, EVENT_SHARE, replay.planner.period)
-    outside_reason = first_of(OUTSIDE, stretch)
-    if outside_reason:
-        return outside_reason
-    if not explained:
-        if event.kind == AT_GOAL:
-            return ""
-        return late(stretch)
-    # The middle one of the explained cycles stands for the event.
-    middle_explanation = explained[len(explained) // 2]
-    if event.kind == AT_GOAL and not middle_explanation.is_blocked:
-        cycles = replay.between(event.begin, event.end)
-        return at_goal(replay.planner, cycles[-1].settings)
-    return middle_explanation.words or late(stretch)

@@ -7,7 +7,7 @@ afterwards (reasons.py, diagnosis.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Iterator, List, NamedTuple, Tuple
+from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -36,6 +36,7 @@ TRAP_S = 10.0
 AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
+WAS_SLOW = "was slow"
 ASKED = "the moment asked about"
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 
@@ -68,6 +69,7 @@ class Event:
         end: End [s].
         place: Mean position (x, y) [m] in the odometry frame.
         reason: Why, in words; "" if it is not known yet.
+        is_outside: Whether the reason lies outside the local planner, which could do nothing.
     """
 
     kind: str
@@ -75,6 +77,7 @@ class Event:
     end: float
     place: Tuple[float, float]
     reason: str = ""
+    is_outside: bool = False
 
     @property
     def seconds(self) -> float:
@@ -134,6 +137,11 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
     return list(_traps(found_events, TRAP_M * limits.scale))
 
 
+def longest(found_events: Sequence[Event]) -> Optional[Event]:
+    """Return the event that took most time, or None."""
+    return max(found_events, key=lambda event: event.seconds, default=None)
+
+
 def around(at: float, odometry: Motion, limits: DriveLimits) -> Event:
     """Return the time around a moment [s] as an event.
 
@@ -164,7 +172,7 @@ def _kinds(odometry: Motion, limits: DriveLimits) -> Iterator[Kind]:
     yield Kind("drove backwards", TURNED_S, drives_back)
     yield Kind("crept", STOOD_S, speed < CREEPS * limits.speed)
     yield Kind("swung from side to side", TURNED_S, _swings(odometry, limits))
-    yield Kind("was slow", SLOW_S, speed < SLOW * limits.speed)
+    yield Kind(WAS_SLOW, SLOW_S, speed < SLOW * limits.speed)
 
 
 def _swings(odometry: Motion, limits: DriveLimits) -> np.ndarray:

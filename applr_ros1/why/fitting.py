@@ -95,16 +95,12 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
         raise _unconnected(drive.frame, odometry_frame)
     moved = _with_poses(odometry, places.base)
     late_notes = placed_late(laser.scans, moved.motion)
-    motion = moved.motion
-    driven = checked_twists(motion.stamp, motion.pose, motion.twist)
-    notes = [*drive.notes, *laser.notes, *moved.notes, *late_notes]
-    if driven.problem:
-        motion = replace(motion, twist=driven.twist)
-        notes.append(driven.problem)
+    driven = with_velocities(moved.motion)
+    notes = [*drive.notes, *laser.notes, *moved.notes, *late_notes, *driven.notes]
     routes = _routes_in_frame(drive, places.routes)
-    plans = plans_of(drive, planned, motion, places.routes, planner)
+    plans = plans_of(drive, planned, driven.motion, places.routes, planner)
     drive = replace(
-        drive, odometry=motion, scans=laser.scans, plans=plans, routes=routes, notes=notes
+        drive, odometry=driven.motion, scans=laser.scans, plans=plans, routes=routes, notes=notes
     )
     # Whatever moved the robot, its planner was given the velocities of the topic.
     return replace(
@@ -256,6 +252,15 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
         return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest_messages])
     nearest_messages = nearest_rows(stamps, motion.stamp)
     return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
+
+
+# -- velocities ------------------------------------------------------------------------------------
+def with_velocities(motion: Motion) -> Noted:
+    """Return a motion with the velocities of its poses, if its own are left at 0."""
+    checked = checked_twists(motion.stamp, motion.pose, motion.twist)
+    if not checked.problem:
+        return Noted(motion, [])
+    return Noted(replace(motion, twist=checked.twist), [checked.problem])
 
 
 # -- plans -----------------------------------------------------------------------------------------

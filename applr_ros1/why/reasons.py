@@ -148,7 +148,7 @@ def late(stretch: Stretch) -> str:
 # -- base ------------------------------------------------------------------------------------------
 def held(stretch: Stretch) -> str:
     """Return why the collision monitor held the robot, or ""."""
-    verdicts = stretch.part(stretch.drive.verdicts)
+    verdicts = stretch.in_force(stretch.drive.verdicts)
     if verdicts is None:
         return ""
     seconds = durations(verdicts, stretch.end)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, Optional, Sequence, TypeVar
 
 import numpy as np
@@ -46,6 +46,20 @@ class Stretch:
             return None
         rows_of_stretch = rows.between(self.begin, self.end)
         return rows_of_stretch if len(rows_of_stretch) else None
+
+    def in_force(self, rows: Optional[SomeRows]) -> Optional[SomeRows]:
+        """Return the rows of which each holds until the next one, from the begin of the stretch on.
+
+        None if there are none. The row before the stretch, which holds at its begin, is the first.
+        """
+        if rows is None:
+            return None
+        first_row = max(rows.latest(self.begin), 0)
+        end_row = rows.latest(self.end) + 1
+        if end_row <= first_row:
+            return None
+        held_rows = rows.part(slice(first_row, end_row))
+        return replace(held_rows, time=np.maximum(held_rows.time, self.begin))
 
     def is_reason(self, seconds: float) -> bool:
         """Return whether an observation that holds for this time [s] counts as the reason."""

@@ -145,12 +145,12 @@ def test_install_space(tmp_path):
 
     # What the last commands printed: the first line of all programs (the interpreter, whatever is
     # on PATH), the launch file, the names of its nodes, and the module `worlds`.
-    interpreter, launch_file, *node_names, module_file = built.stdout.splitlines()[-9:]
+    interpreter, launch_file, *node_names, module_file = built.stdout.splitlines()[-10:]
     install_space = str(tmp_path / "install")
     assert interpreter == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python")
     assert launch_file.startswith(install_space)
     assert {"/sim_bridge", "/move_base", "/collision_monitor"} <= set(node_names)
-    assert {"/movers", "/applr", "/send_goal"} <= set(node_names)
+    assert {"/movers", "/applr", "/black_box", "/send_goal"} <= set(node_names)
     assert module_file.startswith(install_space)
 
 

@@ -102,19 +102,37 @@ def test_parameter_files_are_the_jackals():
 @pytest.mark.parametrize(
     ("words", "nodes"),
     [
-        ((*REAL_ROBOT, "monitor:=false", "movers:=false"), {"move_base", "applr"}),
         (
-            (*REAL_ROBOT, "move_base:=cpp", "goal:=4 0 0"),
-            {"collision_monitor", "movers", "applr", "send_goal"},
+            (*REAL_ROBOT, "monitor:=false", "movers:=false", "black_box:=false"),
+            {"move_base", "applr"},
         ),
         (
-            ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
+            (*REAL_ROBOT, "move_base:=cpp", "goal:=4 0 0"),
+            {"collision_monitor", "movers", "applr", "black_box", "send_goal"},
+        ),
+        (
+            ("record:=/tmp/a.bag", "rviz:=true", "goal:=none", "black_box:=false"),
             {"sim_bridge", "move_base", "collision_monitor", "movers", "applr", "record", "rviz"},
         ),
     ],
 )
 def test_arguments_select_the_nodes_that_start(words, nodes):
     assert set(loaded("jackal_applr.launch", *words).words) == nodes
+
+
+def test_the_black_box_gets_what_the_launch_files_know():
+    words = ("robot:=turtlebot3_burger", "map:=true")
+    with_stack = loaded("jackal_applr.launch", *words).parameters
+    assert with_stack["/black_box/robot"] == "turtlebot3_burger"
+    assert with_stack["/black_box/map"] is True
+    assert with_stack["/black_box/move_base"] == "move_base"
+    # Alone, it finds everything, whatever robot it is.
+    alone = loaded("black_box.launch", "folder:=/tmp/stops", "minutes:=5").parameters
+    assert alone["/black_box/robot"] == "none"
+    assert alone["/black_box/minutes"] == 5.0
+    assert alone["/black_box/folder"] == "/tmp/stops"
+    for parameter_name in ("move_base", "scan_topic", "odom_topic", "cmd_vel_topic"):
+        assert alone[f"/black_box/{parameter_name}"] == "auto"
 
 
 def test_names_clock_and_cap_reach_the_nodes():
@@ -216,6 +234,7 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
     for launch_file, words in (
         ("jackal_applr.launch", ("rviz:=true",)),
         ("barn_controller.launch", ()),
+        ("black_box.launch", ()),
         ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
         ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
     ):

@@ -13,7 +13,10 @@ from dynamic_reconfigure.msg import Config
 
 from applr_ros1.nodes.applr import reconfigure_client
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+from applr_ros1.policy.methods import FixedParameters
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from applr_ros1.policy.pilot import Pilot
+from applr_ros1.robots import JACKAL
 from tests.support.ros import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
@@ -237,11 +240,12 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
 
 @pytest.mark.fault("2")
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
-    assert applied(client, np.full(len(SPACE), 1e9))
+    pilot = Pilot(FixedParameters(SPACE.theta0), JACKAL)
+    assert applied(client, pilot.limited(np.full(len(SPACE), 1e9)))
     assert np.array_equal(client.theta(), SPACE.high)
     theta = THETA_0.copy()
     theta[:4] = -1e9, 0.5, 6.9, 20.4
-    assert applied(client, theta)
+    assert applied(client, pilot.limited(theta))
     # max_vel_x has a lower bound of 0.2 m/s; vx_samples and vtheta_samples are whole numbers.
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
 

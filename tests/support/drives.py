@@ -23,6 +23,7 @@ from applr_ros1.drives.drive import (
     Scans,
     SentGoal,
     Transforms,
+    Verdicts,
 )
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
@@ -173,6 +174,9 @@ def whole_drive(robot):
         plans=Plans(times[:2], plans),
         planned=Commands(times, twists),
         commands=Commands(times[1:], 0.5 * twists[1:]),
+        verdicts=Verdicts(
+            times[:2], ["stop", "pass"], ["a wall is near: 0.1 m", ""], [True, False]
+        ),
         changes=Changes(times[:2], ["DWAPlannerROS", "local_costmap"], changed_values),
         decisions=[
             Decision("first", 1.0, 1.0, values, decided_values, seen),

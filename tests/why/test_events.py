@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans
+from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans, Verdicts
 from applr_ros1.why import events, reasons
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits
 from applr_ros1.why.stretch import Stretch
@@ -229,6 +229,23 @@ def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
     assert reason(-0.5).startswith(nothing)
     # A monitor that slows the robot down is no reason why it stands.
     assert reason(0.5) == ""
+
+
+def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
+    def held(*rows):
+        """Return the reason by verdicts (time, action, reason), which come with each change."""
+        times, actions, words = zip(*rows)
+        blocked = [action == "stop" for action in actions]
+        verdicts = Verdicts(np.array(times), list(actions), list(words), blocked)
+        return reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
+
+    # The stretch lasts from 3 to 6 s.
+    stops_before = held((1.0, "pass", ""), (2.5, "stop", "a wall"), (5.4, "pass", ""))
+    assert stops_before == "the collision monitor intervenes 80 % of the time: a wall"
+    stops_within = held((1.0, "pass", ""), (3.9, "stop", "a wall"))
+    assert stops_within == "the collision monitor intervenes 70 % of the time: a wall"
+    assert held((1.0, "stop", "a wall"), (2.9, "pass", "")) == ""
+    assert held((6.5, "stop", "a wall")) == ""
 
 
 def test_a_base_that_does_not_follow_is_a_reason(stopped):

@@ -7,58 +7,26 @@ numbers from message definitions.
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from contextlib import contextmanager
-from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
-from typing import (
-    Any,
-    Collection,
-    DefaultDict,
-    Dict,
-    Iterable,
-    Iterator,
-    List,
-    NamedTuple,
-    Optional,
-    Sequence,
-)
+from typing import Any, Collection, Dict, Iterable, Iterator, List, Optional, Sequence
 
-import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import FileError, check_regular, reading
-from applr_ros1.drives.bag import UnpackedRow, drive_of
-from applr_ros1.drives.columns import COLUMNS, SECOND, Row, TopicNames, column_of, topic_of
-from applr_ros1.drives.drive import Clearances, Drive, Scans
-from applr_ros1.drives.outcome import nearest
+from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.received import drive_from, received, sources_of
 from applr_ros1.robots import JACKAL, Robot
-from training.bags import paths
-from training.bags.robot_time import RecordedStamp, RobotTime
 
-SENSORS = ("odometry", "scans")  # columns whose stamps may set the robot's time
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
 
 
 class BagError(ApplrError):
     """Error of a bag that cannot be used at all. Its message is one line with bag and reason."""
-
-
-class TopicSource(NamedTuple):
-    """Topic of a bag: its key in COLUMNS, and the planner or server that it names, as a field."""
-
-    key: str
-    part: Row
-
-
-class Received(NamedTuple):
-    """Message of a bag: when it was recorded [ns], its topic's key in COLUMNS, and its rows."""
-
-    recording_time: int
-    key: str
-    rows: List[Row]
 
 
 class OpenBag:
@@ -95,25 +63,39 @@ class OpenBag:
             columns: Columns to read; None reads all. Times count from the first message on one of
                 their topics.
         """
-        messages = _messages(self._reader, topics, columns)
-        # The robot's time at which each message was recorded, since the first one
-        robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
-        first_time = min((message.recording_time for message in messages), default=0)
-        begin_time = robot_time.of(first_time)
-        unpacked: DefaultDict[str, List[UnpackedRow]] = defaultdict(list)
-        for message in messages:
-            elapsed = (robot_time.of(message.recording_time) - begin_time) / SECOND
-            column = column_of(message.key)
-            for row in message.rows:
-                unpacked[column].append(UnpackedRow(elapsed, row))
-
-        drive = drive_of(unpacked, begin_time, robot)
+        sources = sources_of(self.types, topics, columns)
+        messages = []
+        for connection, recording_time, raw_message in self._recorded(sources):
+            message = received(
+                recording_time,
+                sources[connection.topic],
+                raw_message,
+                connection.digest,
+                partial(self._reader.deserialize, raw_message, connection.msgtype),
+            )
+            messages.append(message)
+        drive = drive_from(messages, robot)
         drive.name = self._name
-        if robot_time.note:
-            drive.notes.append(robot_time.note)
-        if drive.scans is not None:
-            drive.clearances = _clearances(drive.scans, robot)
         return drive
+
+    def text_on(self, topic: str) -> Optional[str]:
+        """Return the last text (std_msgs/String) on a topic, or None."""
+        text = None
+        for connection, _, raw_message in self._recorded([topic]):
+            message: Any = self._reader.deserialize(raw_message, connection.msgtype)
+            text = str(message.data)
+        return text
+
+    def _recorded(self, topics: Collection[str]) -> Iterable[Any]:
+        """Return connection, time [ns] and raw message of all messages on topics, in order."""
+        wanted_connections = []
+        for connection in self._reader.connections:
+            if connection.topic in topics:
+                wanted_connections.append(connection)
+        # Without connections, rosbags would return every message.
+        if not wanted_connections:
+            return ()
+        return self._reader.messages(wanted_connections)
 
 
 @contextmanager
@@ -148,82 +130,6 @@ def read(
     """Read the drive in a bag, as OpenBag.drive does."""
     with opened(path) as bag:
         return bag.drive(robot, topics, columns)
-
-
-def _messages(
-    reader: AnyReader, topics: TopicNames, columns: Optional[Collection[str]]
-) -> List[Received]:
-    """Return the messages of some columns in order of recording."""
-    sources = _sources(reader, topics, columns)
-    wanted_connections = []
-    for connection in reader.connections:
-        if connection.topic in sources:
-            wanted_connections.append(connection)
-    # Without connections, rosbags would return every message.
-    recorded: Iterable[Any] = ()
-    if wanted_connections:
-        recorded = reader.messages(wanted_connections)
-    messages = []
-    for connection, recording_time, raw_message in recorded:
-        source = sources[connection.topic]
-        plan_row = None
-        if connection.digest == paths.DIGEST:
-            plan_row = paths.path_of(raw_message)
-        if plan_row is not None:
-            rows = [plan_row]
-        else:
-            message = reader.deserialize(raw_message, connection.msgtype)
-            rows = COLUMNS[source.key].unpack(message)
-        if source.part:
-            for row in rows:
-                row.update(source.part)
-        messages.append(Received(recording_time, source.key, rows))
-    return messages
-
-
-def _stamped(messages: Sequence[Received], column: str) -> List[RecordedStamp]:
-    """Return recording times and stamps [ns] of a sensor's messages that have a stamp."""
-    stamped = []
-    for message in messages:
-        if message.key == column and message.rows[0]["stamp"]:
-            stamped.append((message.recording_time, message.rows[0]["stamp"]))
-    return stamped
-
-
-def _sources(
-    reader: AnyReader, topics: TopicNames, columns: Optional[Collection[str]]
-) -> Dict[str, TopicSource]:
-    """Return {topic: its source} of the topics of a bag that are read."""
-    sources = {}
-    for key, column in COLUMNS.items():
-        if columns is not None and column_of(key) not in columns:
-            continue
-        # A topic such as MOVE_BASE/SERVER/parameter_updates; a server's name may hold slashes.
-        pattern = topic_of(key, topics)
-        prefix, _, suffix = pattern.partition("*")
-        for connection in reader.connections:
-            topic = connection.topic
-            if fnmatchcase(topic, pattern) and column.accepts(connection.msgtype):
-                part = {}
-                if column.part:
-                    part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
-                sources[topic] = TopicSource(key, part)
-    return sources
-
-
-def _clearances(scans: Scans, robot: Robot) -> Clearances:
-    """Return the smallest range of each scan, in order of the stamps."""
-    rows_by_stamp = np.argsort(scans.stamp, kind="stable")
-    smallest_ranges = []
-    for scan_row in rows_by_stamp:
-        ranges = scans.ranges[scan_row]
-        if not len(ranges):
-            smallest_ranges.append(np.inf)
-            continue
-        # Some lasers report 0 for beams without a return.
-        measured = np.where(ranges == 0.0, np.nan, ranges)
-        smallest_ranges.append(nearest(measured, robot.laser.range_min))
-    return Clearances(scans.stamp[rows_by_stamp], np.array(smallest_ranges))
 
 
 # -- files -----------------------------------------------------------------------------------------

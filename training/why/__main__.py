@@ -21,8 +21,10 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
+from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.policy import methods
 from applr_ros1.why.diagnosis import diagnose
+from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.replay import Replay, Watch, replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from training.common.command_line import parsed
@@ -30,12 +32,17 @@ from training.common.options import argument, option
 
 with extra(__name__):
     from training.bags.read import bags_in
-    from training.why.answer import Answer, lines_of
+    from training.why.answer import Answer, lines_of, outside_lines
     from training.why.comparison import compared
-    from training.why.recorded import RecordedOptions, recording_of
+    from training.why.recorded import (
+        OtherPlannerError,
+        RecordedOptions,
+        recording_of,
+        with_description,
+    )
     from training.why.remedies import driven_trials, possible_guesses
     from training.why.seen_world import seen_grid, write_map
-    from training.why.values import values_of
+    from training.why.values import outside_values, values_of
     from training.workers.pool import Pool
 
 REPLAYED = (
@@ -78,9 +85,16 @@ class WhyOptions(RecordedOptions):
 
 def run(options: WhyOptions) -> None:
     """Replay the bags and print the diagnosis."""
-    replays = []
-    for bag_path in bags_in(options.bag):
-        replays.append(_replayed(bag_path, options))
+    bag_paths = bags_in(options.bag)
+    # A bag of the black box says which robot drove.
+    options = with_description(bag_paths[0], options)
+    try:
+        replays = [_replayed(bag_path, options) for bag_path in bag_paths]
+    except OtherPlannerError as other:
+        if other.drive.odometry is None:
+            raise
+        _answer_from_outside(other.drive, other.drive.odometry, options)
+        return
     first_replay, *other_replays = replays
     if options.map:
         write_map(seen_grid(first_replay.recording), options.map)
@@ -109,6 +123,18 @@ def run(options: WhyOptions) -> None:
             measured=[answer_values["sure"], *first_replay.drive.notes, REPLAYED, *driven_notes],
         )
         write_bytes(options.out, page.html())
+
+
+def _answer_from_outside(drive: Drive, odometry: Motion, options: WhyOptions) -> None:
+    """Print what is known of a drive of a local planner that is not replayed."""
+    found_events = seen_from_outside(drive, odometry, options.robot)
+    lines = outside_lines(found_events)
+    if options.json_:
+        print(json.dumps(outside_values(drive, found_events, lines)))
+    else:
+        print("\n".join(lines))
+    if options.out:
+        print(f"{options.out}: not written: a page shows a replay", file=sys.stderr)
 
 
 def _replayed(path: Path, options: WhyOptions) -> Replay:

@@ -10,7 +10,8 @@ from applr_ros1.common.paths import distances
 from applr_ros1.why.alternatives import Alternative
 from applr_ros1.why.answer import best_guess, certainty_of, indented, sentence, what_happened
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import ASKED, Event
+from applr_ros1.why.events import ASKED, Event, longest
+from applr_ros1.why.outside import OTHER_PLANNER
 from training.why.whole_drives import SAME_PLACE_M, Tried, WholeDriveTrials
 
 LISTED = 4  # number of further events, and of rows of what was tried
@@ -36,16 +37,24 @@ def lines_of(answer: Answer) -> List[str]:
     """Return the answer for a terminal: what happened, what to change, how sure, then the rest."""
     diagnosis = answer.diagnosis
     lines = [what_happened(diagnosis), *advice(answer), how_sure(answer)]
-    longest_event = diagnosis.longest
-    other_events = []
-    for event in diagnosis.events:
-        if event is not longest_event:
-            other_events.append(event)
-    other_events.sort(key=lambda event: -event.seconds)
-    if other_events:
-        lines.append("Other events:")
-        lines += indented(map(sentence, other_events[:LISTED]))
+    lines += _other_events(diagnosis.events)
     return lines + tried_rows(answer)
+
+
+def outside_lines(events: Sequence[Event]) -> List[str]:
+    """Return what is known of a drive whose local planner is not replayed, for a terminal."""
+    longest_event = longest(events)
+    if longest_event is None:
+        return ["The robot did not stop.", f"{OTHER_PLANNER}."]
+    return [sentence(longest_event), f"{OTHER_PLANNER}.", *_other_events(events)]
+
+
+def _other_events(events: Sequence[Event]) -> List[str]:
+    """Return lines with the longest events but one, the longest of all."""
+    other_events = sorted(events, key=lambda event: -event.seconds)[1:]
+    if not other_events:
+        return []
+    return ["Other events:", *indented(map(sentence, other_events[:LISTED]))]
 
 
 def advice(answer: Answer) -> List[str]:

@@ -59,6 +59,23 @@ def values_of(answer: Answer) -> Dict[str, Any]:
     }
 
 
+def outside_values(drive: Drive, events: Sequence[Event], lines: Sequence[str]) -> Dict[str, Any]:
+    """Return what is known of a drive whose local planner is not replayed as JSON values."""
+    return {
+        "name": drive.name,
+        "answer": lines,
+        "lines": lines,
+        "happened": lines[0],
+        "advice": [],
+        "sure": lines[1],
+        "reproduced": 0.0,
+        "notes": drive.notes,
+        "remedies": [],
+        "alternatives": [],
+        "events": [_event_values(event, ()) for event in events],
+    }
+
+
 def _trials_values(trials: Optional[WholeDriveTrials]) -> Dict[str, Any]:
     """Return remedies and all that was driven as JSON values."""
     if trials is None:

@@ -236,6 +236,11 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(bag_path):
     np.testing.assert_allclose(read_back.contacts, drive.contacts)
     np.testing.assert_allclose(read_back.recoveries, drive.recoveries)
 
+    # Verdicts of the collision monitor
+    assert read_back.verdicts.action == drive.verdicts.action
+    assert read_back.verdicts.reason == drive.verdicts.reason
+    assert read_back.verdicts.blocked == drive.verdicts.blocked
+
     # Transforms
     assert read_back.transforms.parent == drive.transforms.parent
     assert read_back.transforms.child == drive.transforms.child

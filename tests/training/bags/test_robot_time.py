@@ -6,9 +6,9 @@ from rosbags.rosbag1 import Reader, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1.drives.columns import SECOND
+from applr_ros1.drives.robot_time import RobotTime
 from tests.support.drives import Messages
 from training.bags.read import read
-from training.bags.robot_time import RobotTime
 
 DAY_S = 86_400.0
 

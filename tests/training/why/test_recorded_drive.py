@@ -11,8 +11,18 @@ from applr_ros1.common.angles import compose, inverse, quaternion_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import places
 from applr_ros1.drives.columns import COLUMNS, Sender, TopicNames
-from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
+from applr_ros1.drives.drive import (
+    Commands,
+    Drive,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    Transforms,
+    Verdicts,
+)
 from applr_ros1.drives.frames import Tree
+from applr_ros1.drives.paths import path_of
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import fitting
 from applr_ros1.why.fitting import plans_of
@@ -20,7 +30,6 @@ from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
 from training.bags.maker import Maker
-from training.bags.paths import path_of
 from training.bags.read import BagError, read
 from training.bags.write import BagWriter, write
 from training.why.recorded import RecordedOptions, recording_of
@@ -230,7 +239,7 @@ def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatc
     bag_path = write(tmp_path / "drive.bag", until(driven, 2.0))
     our_drive = read(bag_path)
     # None stands for a path that cannot be read at once.
-    monkeypatch.setattr("training.bags.paths.path_of", lambda raw: None)
+    monkeypatch.setattr("applr_ros1.drives.paths.path_of", lambda raw: None)
     rosbags_drive = read(bag_path)
     for our_plan, rosbags_plan in zip(our_drive.plans.path, rosbags_drive.plans.path, strict=True):
         # Both compute the yaw from a quaternion; only the order of the operations may differ.
@@ -310,9 +319,13 @@ def test_topics_in_the_namespace_around_move_base_are_found(driven, bag_path):
         scan="/robot1/front/scan",
         odometry="/robot1/odometry/filtered",
         command="/robot1/cmd_vel",
+        monitor="/robot1/collision_monitor",
     )
-    write(bag_path, until(driven, 1.0), topics=topics)
-    assert len(read_back(bag_path).scans) > 3
+    verdicts = Verdicts(np.zeros(1), ["stop"], ["a wall"], [True])
+    write(bag_path, replace(until(driven, 1.0), verdicts=verdicts), topics=topics)
+    recording = read_back(bag_path)
+    assert len(recording.scans) > 3
+    assert recording.drive.verdicts.reason == ["a wall"]
 
 
 def test_of_several_move_base_one_is_asked_for(driven, tmp_path):

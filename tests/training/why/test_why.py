@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.why import alternatives
+from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
+from applr_ros1.why.black_box.black_box import DESCRIPTION
+from applr_ros1.why.black_box.description import DescribedRobot, text_of, unknown_robot
+from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
 from tests.support.pages import data_of
+from tests.support.raw_messages import raw_messages
 from tests.support.replays import (
     JACKAL,
     PLANNER,
@@ -274,10 +280,6 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
             {"plans": None, "routes": None},
             "no messages on /move_base/TrajectoryPlannerROS/global_plan",
         ),
-        (
-            {"planners": ["TebLocalPlannerROS"]},
-            "only drives of TrajectoryPlannerROS and DWAPlannerROS are replayed",
-        ),
         ({"planners": ["DWAPlannerROS"]}, "DWAPlannerROS drove, jackal has TrajectoryPlannerROS"),
     ],
 )
@@ -290,6 +292,67 @@ def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, 
     assert output == ""
     assert problem in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, capsys):
+    _, driven = spoilt
+    has_scan = int((driven.scans.time < 2.0).sum())
+    silent = replace(
+        driven,
+        planners=["TebLocalPlannerROS"],
+        scans=driven.scans.part(slice(0, has_scan)),
+        changes=updates((0.0, "TebLocalPlannerROS", {"max_vel_x": 0.5, "max_vel_theta": 1.5})),
+    )
+    bag_path = write(folder / "teb.bag", silent)
+
+    status, output, errors = ran(capsys, bag_path, "--out", folder / "why.html")
+
+    assert status == 0
+    happened, planner, *_ = output.splitlines()
+    assert "crept" in happened
+    assert "because there was no scan for" in happened
+    assert planner == f"{OTHER_PLANNER}."
+    assert errors == f"{folder / 'why.html'}: not written: a page shows a replay\n"
+    _, output, _ = ran(capsys, bag_path, "--json")
+    values = json.loads(output)
+    assert values["reproduced"] == 0.0
+    assert values["events"][0]["reason"].startswith("there was no scan")
+
+
+def box_bag(path, robot, drive, is_known):
+    """Write the bag of a black box, and return its path.
+
+    is_known: whether the robot has a description.
+    """
+    topics = replace(TopicNames.of(robot), scan="/lidar", command="/base/cmd_vel")
+    messages = raw_messages(path.with_suffix(".source.bag"), drive, robot=robot, topics=topics)
+    described = robot if is_known else unknown_robot(robot.parameters())
+    text = text_of(DescribedRobot(described, topics, is_known)).encode()
+    serialised = len(text).to_bytes(4, "little") + text
+    description = RawMessage(messages[0].time, DESCRIPTION, serialised)
+    with open(path, "wb") as file:
+        write_messages(file, [description, *messages])
+    return path
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, capsys, is_known):
+    # Its parameters are those of no folder.
+    robot, driven = spoilt
+    bag_path = box_bag(folder / "stop.bag", robot, until(driven, 4.0), is_known)
+    arguments = ["--quick"] if is_known else []
+    status, output, errors = ran(capsys, bag_path, "--json", *arguments)
+    assert status == 0, errors
+    values = json.loads(output)
+    assert values["reproduced"] == 1.0
+    assert "vx_samples 1" in values["happened"]
+    # Of a robot whose body nobody knows, nothing is driven in simulation.
+    assert values["recorded"] is None
+    # What a person gives counts.
+    status, _, errors = ran(capsys, bag_path, "--scan", "/front/scan")
+    assert (status, "no messages on /front/scan" in errors) == (1, True)
+    _, output, _ = ran(capsys, bag_path, "--json", "--quick", "--robot", "jackal")
+    assert json.loads(output)["reproduced"] < 0.5
 
 
 @pytest.mark.parametrize(

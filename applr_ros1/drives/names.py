@@ -1,15 +1,23 @@
-"""Topics under which a bag has a drive: found in the bag where no option names them."""
+"""Topics under which a bag has a drive, or a robot drives, where no option names them."""
 
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Collection, List, Mapping
+from typing import Collection, List, Mapping, NamedTuple, Set
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import COLUMNS, TopicNames, topic_of
 
 # Global planners of ROS's navigation, whose plans show where move_base is.
 GLOBAL_PLANNERS = ("NavfnROS", "GlobalPlanner")
+NODES = ("applr", "monitor")  # fields of TopicNames that are names of nodes
+
+
+class Connections(NamedTuple):
+    """Topics that a node publishes, and those that it subscribes to."""
+
+    published: Set[str]
+    subscribed: Set[str]
 
 
 def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str]) -> TopicNames:
@@ -41,7 +49,9 @@ def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str
         if topic_field.name == "move_base" or topic_field.name in given:
             continue
         topic = robot_namespace + getattr(wanted, topic_field.name)
-        if topic in types:
+        # A node has no topic of its own name, but topics below it.
+        is_node = topic_field.name in NODES
+        if topic in types or (is_node and any(name.startswith(f"{topic}/") for name in types)):
             topics[topic_field.name] = topic
     return replace(wanted, **topics)
 
@@ -103,3 +113,29 @@ def _topics_of(column: str, types: Mapping[str, str]) -> List[str]:
         if COLUMNS[column].accepts(message_type):
             topics.append(topic)
     return sorted(topics)
+
+
+def names_beside(
+    move_base: Connections, types: Mapping[str, str], names: TopicNames, given: Collection[str]
+) -> TopicNames:
+    """Return the topics of a running robot: the ones that its move_base reads and writes.
+
+    Args:
+        move_base: Topics of the node move_base.
+        types: {topic: type} of the running system.
+        names: Names so far.
+        given: Fields of `names` that were given; they are not replaced.
+    """
+    found_names = {}
+    for field_name, column in (("scan", "scans"), ("odometry", "odometry")):
+        read_topics = move_base.subscribed & set(_topics_of(column, types))
+        # A move_base with several lasers has one of the usual name, or the first one counts.
+        if read_topics and getattr(names, field_name) not in read_topics:
+            found_names[field_name] = min(read_topics)
+    written_topics = move_base.published & set(_topics_of("planned", types))
+    # If its commands pass a monitor, those at the base are the robot's own topic.
+    if written_topics and topic_of("planned", names) not in written_topics:
+        found_names["command"] = min(written_topics)
+    for field_name in given:
+        found_names.pop(field_name, None)
+    return replace(names, **found_names)

@@ -1,0 +1,153 @@
+"""Messages of a drive in the order in which they came: from topics and messages to a Drive.
+
+The reader of bags (training/bags) and the black box call it. It needs neither ROS nor rosbags.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from fnmatch import fnmatchcase
+from typing import (
+    Any,
+    Callable,
+    Collection,
+    DefaultDict,
+    Dict,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+)
+
+import numpy as np
+
+from applr_ros1.drives import paths
+from applr_ros1.drives.bag import UnpackedRow, drive_of
+from applr_ros1.drives.columns import COLUMNS, SECOND, Row, TopicNames, column_of, topic_of
+from applr_ros1.drives.drive import Clearances, Drive, Scans
+from applr_ros1.drives.outcome import nearest
+from applr_ros1.drives.robot_time import RecordedStamp, RobotTime
+from applr_ros1.robots import Robot
+
+SENSORS = ("odometry", "scans")  # columns whose stamps may set the robot's time
+
+
+class TopicSource(NamedTuple):
+    """Source of rows: a topic's key in COLUMNS, and the planner or server in its name, as a field.
+
+    Attributes:
+        key: Key of the topic in COLUMNS.
+        part: Field of the rows with the name of the planner or server; {} if the topic has none.
+    """
+
+    key: str
+    part: Row
+
+
+class Received(NamedTuple):
+    """Message that was received: when [ns], its topic's key in COLUMNS, and its rows."""
+
+    recording_time: int
+    key: str
+    rows: List[Row]
+
+
+def sources_of(
+    types: Mapping[str, str], names: TopicNames, columns: Optional[Collection[str]] = None
+) -> Dict[str, TopicSource]:
+    """Return {topic: its source} of the topics that a drive has.
+
+    Args:
+        types: {topic: type} of a bag, or of a running system.
+        names: Names of the topics.
+        columns: Columns to read; None reads all.
+    """
+    sources = {}
+    for key, column in COLUMNS.items():
+        if columns is not None and column_of(key) not in columns:
+            continue
+        # A topic such as MOVE_BASE/SERVER/parameter_updates; a server's name may hold slashes.
+        pattern = topic_of(key, names)
+        prefix, _, suffix = pattern.partition("*")
+        for topic, message_type in types.items():
+            if fnmatchcase(topic, pattern) and column.accepts(message_type):
+                part = {}
+                if column.part:
+                    part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
+                sources[topic] = TopicSource(key, part)
+    return sources
+
+
+def received(
+    recording_time: int,
+    source: TopicSource,
+    raw_message: bytes,
+    digest: str,
+    deserialized: Callable[[], Any],
+) -> Received:
+    """Return a message with its rows.
+
+    Args:
+        recording_time: When it came [ns].
+        source: Its topic.
+        raw_message: The serialised message of ROS 1.
+        digest: MD5 sum of its definition.
+        deserialized: Returns the message as an object, which takes long for a path.
+    """
+    plan_row = None
+    if digest == paths.DIGEST:
+        plan_row = paths.path_of(raw_message)
+    if plan_row is not None:
+        rows = [plan_row]
+    else:
+        rows = COLUMNS[source.key].unpack(deserialized())
+    if source.part:
+        for row in rows:
+            row.update(source.part)
+    return Received(recording_time, source.key, rows)
+
+
+def drive_from(messages: Sequence[Received], robot: Robot) -> Drive:
+    """Return the drive of messages in order of recording. Times count from the first one."""
+    # The robot's time at which each message was recorded, since the first one
+    robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
+    first_time = min((message.recording_time for message in messages), default=0)
+    begin_time = robot_time.of(first_time)
+    unpacked: DefaultDict[str, List[UnpackedRow]] = defaultdict(list)
+    for message in messages:
+        elapsed = (robot_time.of(message.recording_time) - begin_time) / SECOND
+        column = column_of(message.key)
+        for row in message.rows:
+            unpacked[column].append(UnpackedRow(elapsed, row))
+
+    drive = drive_of(unpacked, begin_time, robot)
+    if robot_time.note:
+        drive.notes.append(robot_time.note)
+    if drive.scans is not None:
+        drive.clearances = _clearances(drive.scans, robot)
+    return drive
+
+
+def _stamped(messages: Sequence[Received], column: str) -> List[RecordedStamp]:
+    """Return recording times and stamps [ns] of a sensor's messages that have a stamp."""
+    stamped = []
+    for message in messages:
+        if message.key == column and message.rows[0]["stamp"]:
+            stamped.append((message.recording_time, message.rows[0]["stamp"]))
+    return stamped
+
+
+def _clearances(scans: Scans, robot: Robot) -> Clearances:
+    """Return the smallest range of each scan, in order of the stamps."""
+    rows_by_stamp = np.argsort(scans.stamp, kind="stable")
+    smallest_ranges = []
+    for scan_row in rows_by_stamp:
+        ranges = scans.ranges[scan_row]
+        if not len(ranges):
+            smallest_ranges.append(np.inf)
+            continue
+        # Some lasers report 0 for beams without a return.
+        measured = np.where(ranges == 0.0, np.nan, ranges)
+        smallest_ranges.append(nearest(measured, robot.laser.range_min))
+    return Clearances(scans.stamp[rows_by_stamp], np.array(smallest_ranges))

@@ -1,0 +1,28 @@
+"""Process that answers why the robot stopped: reads a stop and a bag, and prints a line an answer.
+
+The black box starts it for each stop. It needs no ROS master.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from applr_ros1.common.errors import run_main
+from applr_ros1.nodes.black_box.messages import deserialize
+from applr_ros1.why.black_box.answer_process import stop_of
+from applr_ros1.why.black_box.answering import answers_of
+from applr_ros1.why.black_box.bag_file import read_messages
+
+
+def main() -> int:
+    """Answer to the stop on stdin."""
+    stop = stop_of(sys.stdin.buffer.readline())
+    messages = list(read_messages(sys.stdin.buffer.read()))
+    for answer in answers_of(messages, stop, deserialize):
+        print(json.dumps(answer.values()), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_main(main, "black box"))

@@ -1,0 +1,221 @@
+"""The black box without ROS: what it keeps, when it finds a stop, writes a bag, and asks why.
+
+Messages come from the threads of their topics; `look` is called about once a second. Time is an
+argument.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Optional
+
+from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.drives.columns import SECOND
+from applr_ros1.drives.received import Received, TopicSource
+from applr_ros1.why.black_box.answer_process import AnswerProcess
+from applr_ros1.why.black_box.bag_file import Publication, RawMessage
+from applr_ros1.why.black_box.description import TOPIC, TYPE, DescribedRobot, text_of
+from applr_ros1.why.black_box.folder import StopFolder
+from applr_ros1.why.black_box.ring import JUMP_NS, Ring, RouteFilter
+from applr_ros1.why.black_box.stops import RobotStop, StopDetector
+
+AFTER_S = 10.0  # time after a stop that its bag has, too [s]
+LEAD_S = 15.0  # time before a stop that its answer looks at [s]
+# Columns whose messages hold until the next one
+HOLDING = ("static_transforms", "changes", "routes", "sent", "verdicts")
+STRING_MD5 = "992ce8a1687cec8c8bd883ec73ca41d1"
+DESCRIPTION = Publication(TOPIC, TYPE, STRING_MD5, "string data\n", "/black_box", True)
+
+
+@dataclass
+class PendingBag:
+    """Bag that is still to be written.
+
+    Attributes:
+        stop: Its stop.
+        moment: Time of the stop for the bag's name.
+        messages: Its messages, if the clock jumped back since; else they are in the ring.
+    """
+
+    stop: RobotStop
+    moment: str
+    messages: Optional[List[RawMessage]] = None
+
+
+@dataclass
+class BoxOutput:
+    """Output of a look at the messages.
+
+    Attributes:
+        answer: New answer to a stop, as JSON values.
+        lines: Lines for the log.
+        problems: Lines that report what was lost.
+    """
+
+    answer: Optional[Dict[str, Any]] = None
+    lines: List[str] = field(default_factory=list)
+    problems: List[str] = field(default_factory=list)
+
+
+class BlackBox:
+    """Keeps messages, finds stops, writes their bags, and asks for their answers.
+
+    Args:
+        driven: Robot that drives.
+        ring: Memory of the messages.
+        folder: Folder of the bags.
+        process: Process that answers.
+        moment: Returns the present time for the name of a bag.
+
+    Attributes:
+        stop_count: Number of stops so far.
+        lost_count: Number of stops without a bag.
+        problem: Line about the latest bag if it was lost, else "".
+    """
+
+    def __init__(
+        self,
+        driven: DescribedRobot,
+        ring: Ring,
+        folder: StopFolder,
+        process: AnswerProcess,
+        moment: Callable[[], str],
+    ):
+        self._ring = ring
+        self._folder = folder
+        self._process = process
+        self._moment = moment
+        self.describe(driven)
+        self._detector = StopDetector(driven.robot)
+        # guards detector, bags and the latest time
+        self._lock = threading.Lock()
+        self._routes = RouteFilter()
+        self._asked: List[PendingBag] = []
+        self._pending: List[PendingBag] = []
+        self._latest_time = 0
+        self.stop_count = 0
+        self.lost_count = 0
+        self.problem = ""
+
+    def describe(self, driven: DescribedRobot) -> None:
+        """Describe the robot in the bags, as when a topic is found under another name."""
+        self._text = text_of(driven)
+
+    def take(
+        self, message: RawMessage, source: TopicSource, unpacked: Callable[[], Received]
+    ) -> None:
+        """Take a message that came now.
+
+        Args:
+            message: The message.
+            source: Its topic.
+            unpacked: Returns it with its rows, which is asked only of the messages that are needed.
+        """
+        with self._lock:
+            if message.time < self._latest_time - JUMP_NS:
+                self._start_anew()
+            self._latest_time = message.time
+            if self._detector.wants(source.key, message.time):
+                self._detector.take(unpacked())
+            is_kept = self._routes.keeps(source.key, message)
+        if is_kept:
+            self._ring.add(message, source.key in HOLDING)
+
+    def _start_anew(self) -> None:
+        """Keep what the pending bags have so far: the clock jumped back."""
+        for bag in self._pending:
+            if bag.messages is None:
+                bag.messages = self._messages()
+        self._detector.forget()
+
+    def save(self, now: float) -> str:
+        """Take a moment [s] as a stop, because somebody asks to. Return the time in its name."""
+        with self._lock:
+            bag = PendingBag(self._detector.asked(now), self._moment())
+            self._asked.append(bag)
+        return bag.moment
+
+    def look(self, now: float) -> BoxOutput:
+        """Find a new stop, write the bags that are due, and return what there is to say.
+
+        now: Present time by the robot's clock [s].
+        """
+        output = BoxOutput()
+        for bag in self._new_bags(now):
+            self.stop_count += 1
+            self._ask(bag.stop, output)
+        for bag in self._due_bags(now):
+            self._write(bag, output)
+        output.answer = self._process.answer()
+        return output
+
+    def end(self) -> None:
+        """Write what is pending, and end the process that answers."""
+        for bag in self._due_bags(math.inf):
+            self._write(bag, BoxOutput())
+        self._process.end()
+
+    def _new_bags(self, now: float) -> List[PendingBag]:
+        """Return the bags of stops that are new."""
+        with self._lock:
+            new_bags = self._asked
+            self._asked = []
+            stop = self._detector.stop(now)
+            if stop is not None:
+                new_bags.append(PendingBag(stop, self._moment()))
+            self._pending += new_bags
+        return new_bags
+
+    def _due_bags(self, now: float) -> List[PendingBag]:
+        """Take the pending bags that are complete."""
+        due_bags: List[PendingBag] = []
+        waiting_bags: List[PendingBag] = []
+        with self._lock:
+            for bag in self._pending:
+                is_complete = bag.messages is not None or now >= bag.stop.end + AFTER_S
+                if is_complete:
+                    due_bags.append(bag)
+                else:
+                    waiting_bags.append(bag)
+            self._pending = waiting_bags
+        return due_bags
+
+    def _ask(self, stop: RobotStop, output: BoxOutput) -> None:
+        """Ask why the robot stopped."""
+        output.lines.append(f"the robot {stop.kind} at ({stop.place[0]:.2f}, {stop.place[1]:.2f})")
+        begin = round((stop.begin - LEAD_S) * SECOND)
+        try:
+            is_dropped = self._process.ask(stop, self._messages(begin))
+        except OSError as problem:
+            output.problems.append(f"no answer: the process cannot start ({reason(problem)})")
+            return
+        if is_dropped:
+            output.problems.append("the answer to the stop before is dropped for this one")
+
+    def _write(self, bag: PendingBag, output: BoxOutput) -> None:
+        """Write the bag of a stop."""
+        messages = bag.messages
+        if messages is None:
+            messages = self._messages()
+        try:
+            if not messages:
+                raise ApplrError("no message came: start what publishes scans and odometry")
+            path = self._folder.save(bag.moment, messages)
+        except ApplrError as problem:
+            self.lost_count += 1
+            self.problem = f"the stop of {bag.moment} is lost: {problem}"
+            output.problems.append(self.problem)
+            return
+        self.problem = ""
+        output.lines.append(f"wrote {path}")
+
+    def _messages(self, begin: int = 0) -> List[RawMessage]:
+        """Return the messages since `begin` [ns], the description of the robot first."""
+        messages = self._ring.messages(begin)
+        if not messages:
+            return []
+        data = self._text.encode()
+        serialised = len(data).to_bytes(4, "little") + data
+        return [RawMessage(messages[0].time, DESCRIPTION, serialised), *messages]

@@ -1,0 +1,105 @@
+"""Description of the robot that a bag of the black box holds, so that its answer needs no folder.
+
+It is a text: what robot.yaml says with the parameters of move_base in it, and the names of topics.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any, Dict, NamedTuple
+
+from applr_ros1.common import files
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import branch
+from applr_ros1.drives.columns import TopicNames
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.parameters.costmap_parameters import COSTMAP
+from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots.folder import content_of, described
+from applr_ros1.robots.robot import MoveBaseSetup
+
+TOPIC = "/black_box/parameters"
+TYPE = "std_msgs/String"
+UNKNOWN = "robot"  # name of a robot of which only the parameters of move_base are known
+
+
+class DescribedRobot(NamedTuple):
+    """Robot of a black box.
+
+    Attributes:
+        robot: The robot, with the parameters of its move_base.
+        topics: Names of its topics.
+        is_known: Whether somebody described it. If not, its body and base are those of the Jackal,
+            and only the parameters of move_base are its own.
+    """
+
+    robot: Robot
+    topics: TopicNames
+    is_known: bool
+
+
+def text_of(driven: DescribedRobot) -> str:
+    """Return the description as a text: YAML, in the notation of JSON."""
+    content = {
+        "name": driven.robot.name,
+        "is_known": driven.is_known,
+        "topics": vars(driven.topics),
+        "robot": content_of(driven.robot),
+    }
+    # Whatever is no plain value on the parameter server is nothing that the planner reads.
+    return json.dumps(content, default=str)
+
+
+def described_by(text: str, bag_name: str) -> DescribedRobot:
+    """Return the robot of a description.
+
+    Args:
+        text: The description.
+        bag_name: Name of its bag, which stands for the robot's folder.
+
+    Raises:
+        ApplrError: The text is no description.
+    """
+    content = files.yaml_value(text, bag_name)
+    try:
+        topics = {name: str(topic) for name, topic in content["topics"].items()}
+        known_topics = {name: topics[name] for name in vars(TopicNames()) if name in topics}
+        robot = described(content["robot"], str(content["name"]), bag_name)
+        return DescribedRobot(robot, TopicNames(**known_topics), bool(content["is_known"]))
+    except (KeyError, TypeError, AttributeError):
+        problem = f"{TOPIC} does not describe a robot"
+        raise ApplrError(f"{bag_name}: {problem}: give the robot as --robot") from None
+
+
+def driving(robot: Robot, tree: Dict[str, Any]) -> Robot:
+    """Return a described robot with the parameters with which its move_base runs."""
+    return replace(robot, move_base=MoveBaseSetup(tree), uses_map=False)
+
+
+def unknown_robot(tree: Dict[str, Any]) -> Robot:
+    """Return a robot of which only the parameters of move_base are known.
+
+    Its frames and its size follow from them; everything else is the Jackal's, which no replay
+    reads.
+    """
+    costmap = branch(tree, "local_costmap")
+    base_frame = str(costmap.get("robot_base_frame", JACKAL.frames.base))
+    # Prefixes of frames are taken off the messages, too.
+    frames = JACKAL.frames.model_copy(update={"base": base_frame.rpartition("/")[2]})
+    return replace(
+        driving(JACKAL, tree),
+        name=UNKNOWN,
+        frames=frames,
+        world_scale=_scale(costmap),
+    )
+
+
+def _scale(costmap: Dict[str, Any]) -> float:
+    """Return the size of a robot relative to the Jackal, by the footprint of its costmap."""
+    values = {parameter.name: parameter.default for parameter in COSTMAP}
+    values.update(costmap)
+    jackal_costmap = JACKAL.all_parameters()["local_costmap"]
+    _, radius = footprint.radii(footprint.padded(values))
+    _, jackal_radius = footprint.radii(footprint.padded(jackal_costmap))
+    return radius / jackal_radius if radius > 0.0 else 1.0

@@ -1,0 +1,86 @@
+"""Limits by which a drive is measured, from the values of any local planner."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Mapping, Sequence
+
+import numpy as np
+
+from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.robots import Robot
+from applr_ros1.why.events import DriveLimits
+
+# Local planners that are replayed
+REPLAYED = tuple(map(namespace, LOCAL_PLANNERS))
+# Names of a limit in the local planners of ROS's navigation
+SPEEDS = ("max_vel_x", "max_vel_trans", "max_trans_vel", "max_v", "max_linear_vel")
+TURNS = ("max_vel_theta", "max_rot_vel", "max_w", "max_angular_vel")
+TOLERANCE_M = 0.25  # distance from the goal of a planner that has none of its own [m]
+USUAL_TURN = 1.0  # top turn rate of a planner that has none [rad/s]
+
+
+def limits_of(
+    drive: Drive, odometry: Motion, robot: Robot, values_at_start: Mapping[str, Any]
+) -> DriveLimits:
+    """Return the limits of a drive, whichever local planner drove.
+
+    Args:
+        drive: The drive, with the changes of its parameters.
+        odometry: Motion that is measured.
+        robot: Robot that drove.
+        values_at_start: The start_values of its local planner.
+    """
+    planner = planner_of(drive, robot)
+    values: Dict[str, Any] = {}
+    if planner == robot.local_planner:
+        values.update(values_at_start)
+    fastest_speed = float(np.abs(odometry.twist[:, 0]).max(initial=0.0))
+    speed = np.full(len(odometry), _first(values, SPEEDS, fastest_speed))
+    turn = np.full(len(odometry), _first(values, TURNS, USUAL_TURN))
+    if drive.changes is not None:
+        changes = zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
+        for change_time, server, changed_values in changes:
+            if server == planner:
+                values.update(changed_values)
+                is_later = odometry.time >= change_time
+                speed[is_later] = _first(values, SPEEDS, fastest_speed)
+                turn[is_later] = _first(values, TURNS, USUAL_TURN)
+    return DriveLimits(
+        speed=speed,
+        turn=turn,
+        tolerance=_first(values, ("xy_goal_tolerance",), TOLERANCE_M),
+        scale=robot.world_scale,
+        end=drive.end,
+    )
+
+
+def planner_of(drive: Drive, robot: Robot) -> str:
+    """Return the local planner that drove: the robot's, unless only others have shown plans.
+
+    Among several others, one that is replayed counts.
+    """
+    if not drive.planners or robot.local_planner in drive.planners:
+        return robot.local_planner
+    for planner in drive.planners:
+        if planner in REPLAYED:
+            return planner
+    return drive.planners[0]
+
+
+def start_values(robot: Robot) -> Mapping[str, Any]:
+    """Return the parameters of a robot's local planner by its files."""
+    planner = robot.local_planner
+    if planner in REPLAYED:
+        return dict(robot.all_parameters()[planner])
+    values: Dict[str, Any] = robot.parameters().get(planner) or {}
+    return values
+
+
+def _first(values: Mapping[str, Any], names: Sequence[str], otherwise: float) -> float:
+    """Return the first value that is a positive number, else another one."""
+    for name in names:
+        value = values.get(name)
+        if isinstance(value, (int, float)) and value > 0:
+            return float(value)
+    return otherwise

@@ -1,0 +1,38 @@
+"""Events and reasons that are seen from outside the local planner, and so of every one."""
+
+from __future__ import annotations
+
+from typing import List
+
+from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.robots import Robot
+from applr_ros1.why.diagnosis import outside_events
+from applr_ros1.why.events import Event
+from applr_ros1.why.fitting import with_velocities
+from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
+
+USUAL_RATE = 20.0  # control rate of a move_base that has none of its own [Hz]
+OTHER_PLANNER = f"the planner's own reasons are known for {' and '.join(REPLAYED)} only"
+
+
+def is_other_planner(drive: Drive, robot: Robot) -> bool:
+    """Return whether a local planner drove that is not replayed."""
+    return planner_of(drive, robot) not in REPLAYED
+
+
+def control_period(robot: Robot) -> float:
+    """Return the control period of a robot's move_base [s], by its parameters."""
+    return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
+
+
+def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> List[Event]:
+    """Return the events of a drive with the reasons that need no replay.
+
+    Args:
+        drive: The drive.
+        odometry: Its odometry.
+        robot: Robot that drove.
+    """
+    motion = with_velocities(odometry).motion
+    limits = limits_of(drive, motion, robot, start_values(robot))
+    return outside_events(drive, motion, limits, control_period(robot))

@@ -1,0 +1,79 @@
+"""Recording of a drive that was received as messages, in a bag or on the robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Mapping
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.names import missing, missing_plans
+from applr_ros1.robots import Robot
+from applr_ros1.why.fitting import fitted, other_robot
+from applr_ros1.why.limits import planner_of
+from applr_ros1.why.recording import Recording
+from applr_ros1.why.rerun import RerunPlanner
+
+CHANNELS = (
+    "scans",
+    "odometry",
+    "transforms",
+    "commands",
+    "planned",
+    "verdicts",
+    "changes",
+    "plans",
+    "routes",
+    "recoveries",
+    "decisions",
+    "goals",
+    "sent",
+)
+
+
+def recording_from(
+    drive: Drive,
+    names: TopicNames,
+    types: Mapping[str, str],
+    planner: RerunPlanner,
+    robot: Robot,
+    is_given: bool = False,
+) -> Recording:
+    """Return a drive with columns that fit on each other.
+
+    Args:
+        drive: The drive with its CHANNELS.
+        names: Names of its topics.
+        types: {topic: type} of all topics that were recorded.
+        planner: Planner of the robot, which cuts the global planner's plans.
+        robot: Robot that drove.
+        is_given: Whether a person gave the robot, who is then not asked to give it.
+
+    Raises:
+        ApplrError: The drive lacks odometry, scans, commands or plans, another robot or planner
+            drove, or the frames of its messages do not fit.
+    """
+    if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
+        drive = replace(drive, planned=drive.commands)
+    _check_planner(drive, robot, is_given)
+    _check_columns(drive, robot, names, types)
+    return fitted(drive, planner, robot, is_given)
+
+
+def _check_planner(drive: Drive, robot: Robot, is_given: bool) -> None:
+    """Raise ApplrError if another local planner drove."""
+    planner = planner_of(drive, robot)
+    if planner != robot.local_planner:
+        planners_in_words = f"{planner} drove, {robot.name} has {robot.local_planner}"
+        raise other_robot(planners_in_words, "its base_local_planner is another", is_given)
+
+
+def _check_columns(drive: Drive, robot: Robot, names: TopicNames, types: Mapping[str, str]) -> None:
+    """Raise ApplrError if a column is missing that the replay needs."""
+    channels = {"odometry": "odometry", "scans": "scans", "planned": "commands"}
+    for column, channel in channels.items():
+        if not getattr(drive, column):
+            raise ApplrError(missing(channel, names, types))
+    if not drive.plans and not drive.routes:
+        raise ApplrError(missing_plans(robot.local_planner, names, types))

@@ -1,0 +1,126 @@
+"""The black box beside a running move_base: what it finds, writes and answers.
+
+tests/why/black_box tests its rules without processes; this file tests the topics.
+"""
+
+import time
+
+import actionlib
+import pytest
+import rospy
+from applr_ros1.msg import Stop
+from diagnostic_msgs.msg import DiagnosticArray
+from move_base_msgs.msg import MoveBaseAction
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
+
+from tests.support.nodes import POSTS, FakeJackal, goal, start, values_of
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.ros import LONGEST, session, wait_for
+from training.bags.read import opened
+
+pytestmark = pytest.mark.ros
+LATEST_S = 10.0  # time after a stop was found within which the answer comes [s]
+
+
+class Box:
+    """The node, with what it published."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.answers = []
+        self.markers = []
+        self.diagnostics = {}
+        rospy.Subscriber("/black_box/answer", Stop, self._on_answer)
+        rospy.Subscriber("/black_box/marker", Marker, self.markers.append)
+        rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
+        self.node = session().node("black_box", f"_folder:={folder}")
+
+    def _on_answer(self, message):
+        self.answers.append((time.time(), message))
+
+    def _on_diagnostics(self, message):
+        status = message.status[0]
+        if status.name == "black_box: stops":
+            self.diagnostics = values_of(status)
+
+    @property
+    def bags(self):
+        """Paths of the written bags."""
+        return sorted(self.folder.glob("stop_*.bag"))
+
+
+def test_a_stop_is_answered_and_written(tmp_path):
+    """Of a robot without a folder, beside a move_base whose parameters are on the server."""
+    ros = session()
+    jackal = FakeJackal(POSTS)
+    move_base = start(ros, dict(JACKAL_PARAMETERS))
+    box = Box(tmp_path / "box")
+    box.node.until("ready beside /move_base with TrajectoryPlannerROS")
+    box.node.until(lambda: float(box.diagnostics.get("megabytes", 0)) > 0.01)
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(LONGEST))
+
+    # The laser falls silent on the way.
+    client.send_goal(goal(12.0))
+    box.node.until(lambda: jackal.robot.pose[0] > 1.0)
+    jackal.scans = False
+    box.node.until("the robot stood at")
+    found_at = time.time()
+    box.node.until(lambda: box.answers)
+    answered_at, answer = box.answers[-1]
+    assert answered_at - found_at < LATEST_S
+    assert answer.kind == "stood"
+    assert answer.reason.startswith("there was no scan for"), answer
+    assert answer.header.frame_id == "odom"
+    assert abs(answer.x - jackal.robot.pose[0]) < 0.2
+    assert answer.header.stamp.to_sec() < found_at - 4.0
+    assert answer.sentence in box.node.text
+    assert box.markers[-1].text == answer.sentence
+
+    # The robot drives on meanwhile, and the bag follows.
+    jackal.scans = True
+    box.node.until(lambda: jackal.robot.pose[0] > answer.x + 1.0)
+    box.node.until(lambda: box.bags)
+    (bag_path,) = box.bags
+    with opened(bag_path) as bag:
+        recorded = bag.types
+    for topic in ("/front/scan", "/odometry/filtered", "/tf", "/move_base/status", "/cmd_vel"):
+        assert topic in recorded
+    assert "/black_box/parameters" in recorded
+
+    # Somebody asks.
+    saved = rospy.ServiceProxy("/black_box/save", Trigger)()
+    assert saved.success
+    box.node.until(lambda: len(box.bags) == 2)
+    assert str(box.bags[1]) in saved.message
+    wait_for(lambda: int(box.diagnostics["stops"]) == 2, "diagnostics")
+    client.cancel_goal()
+    assert box.node.end() == 0, box.node.text
+    assert "Traceback" not in box.node.text, box.node.text
+    jackal.close()
+    move_base.end()
+
+
+def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path):
+    ros = session()
+    jackal = FakeJackal(POSTS)
+    # The planner samples only its slowest speed.
+    parameters = dict(JACKAL_PARAMETERS)
+    parameters["TrajectoryPlannerROS"] = dict(parameters["TrajectoryPlannerROS"], vx_samples=1)
+    move_base = start(ros, parameters)
+    box = Box(tmp_path / "box")
+    box.node.until("ready beside /move_base")
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(LONGEST))
+    client.send_goal(goal(12.0))
+    box.node.until(lambda: box.answers and box.answers[-1][1].parameter)
+    _, answer = box.answers[-1]
+    assert answer.kind == "crept"
+    assert answer.reason.startswith("no faster way is sampled than 0.1"), answer
+    assert answer.parameter == "TrajectoryPlannerROS/vx_samples"
+    assert answer.reproduced > 0.8, answer
+    client.cancel_goal()
+    assert box.node.end() == 0, box.node.text
+    jackal.close()
+    move_base.end()

@@ -1,0 +1,128 @@
+"""Tests of the answers of the black box: what is seen from outside first, then the planner's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.drive import Verdicts
+from applr_ros1.why.black_box.answering import answers_of
+from applr_ros1.why.black_box.bag_file import RawMessage
+from applr_ros1.why.black_box.black_box import DESCRIPTION
+from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
+from applr_ros1.why.black_box.stops import SAVED, RobotStop
+from applr_ros1.why.outside import OTHER_PLANNER
+from tests.support.raw_messages import deserialize, raw_messages
+from tests.support.replays import PLANNER, spoilt_drive
+
+BEGIN_S = 1.0  # time at which a written bag begins [s]
+
+
+@pytest.fixture(scope="module")
+def spoilt():
+    """Return a robot whose planner samples only 0.1 m/s, and a drive of twelve seconds."""
+    return spoilt_drive()
+
+
+def answers(path, robot, drive, stop=None, described=None):
+    """Return the answers to the stop of a drive.
+
+    Args:
+        path: Path for a bag.
+        robot: Robot that drove.
+        drive: The drive.
+        stop: The stop. Default: from 2 to 8 s.
+        described: Robot that is described instead.
+    """
+    messages = raw_messages(path, drive, robot=robot)
+    text = text_of(DescribedRobot(described or robot, TopicNames.of(robot), True)).encode()
+    description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
+    stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
+    return list(answers_of([description, *messages], stop, deserialize))
+
+
+def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
+    robot, drive = spoilt
+    first_answer, reason, answer = answers(tmp_path / "drive.bag", robot, drive)
+    # The guess takes as long as everything else.
+    assert (reason.reason, reason.parameter) == (answer.reason, "")
+    # From outside nothing is wrong.
+    assert (first_answer.kind, first_answer.reason) == ("crept", "")
+    assert first_answer.reproduced == 0.0
+    assert answer.reason == "no faster way is sampled than 0.10 m/s (vx_samples 1, acc_lim_x 10)"
+    assert answer.reproduced > 0.95
+    assert answer.parameter == f"{PLANNER}/vx_samples"
+    assert (answer.before, answer.after) == (1, 2)
+    assert answer.begin == pytest.approx(BEGIN_S, abs=0.1)
+    assert answer.frame == "odom"
+    words = str(answer)
+    assert words.startswith("the robot crept for 12 s at (")
+    assert "because no faster way" in words
+    assert words.endswith(f"; try {PLANNER}/vx_samples 1 -> 2")
+    assert answer.values()["sentence"] == words
+
+
+def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path):
+    robot, drive = spoilt
+    has_scan = drive.scans.time < 4.0
+    silent = replace(drive, scans=drive.scans.part(slice(0, int(has_scan.sum()))))
+    first_answer, answer = answers(tmp_path / "silent.bag", robot, silent)
+    assert first_answer.reason == "there was no scan for 8.0 s"
+    assert answer.reason == first_answer.reason
+    assert answer.parameter == ""
+
+    verdicts = Verdicts(np.array([0.0, 1.0]), ["pass", "stop"], ["", "a wall"], [False, True])
+    held = replace(drive, verdicts=verdicts)
+    first_answer, _ = answers(tmp_path / "held.bag", robot, held)
+    assert first_answer.reason == "the collision monitor intervenes 92 % of the time: a wall"
+
+
+def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
+    robot, drive = spoilt
+    tree = robot.parameters()
+    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
+    tree["TebLocalPlannerROS"] = {"max_vel_x": 0.5, "max_vel_theta": 1.5}
+    teb = driving(robot, tree)
+    drive = replace(drive, planners=["TebLocalPlannerROS"])
+    (answer,) = answers(tmp_path / "teb.bag", teb, drive)
+    assert answer.kind == "crept"
+    assert answer.note == OTHER_PLANNER
+    # The node says it once.
+    assert OTHER_PLANNER not in str(answer)
+    silent = replace(drive, scans=drive.scans.part(slice(0, 40)))
+    (silent_answer,) = answers(tmp_path / "silent.bag", teb, silent)
+    assert silent_answer.reason.startswith("there was no scan for")
+
+
+def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
+    robot, drive = spoilt
+    without_plans = replace(drive, plans=None, routes=None)
+    _, answer = answers(tmp_path / "drive.bag", robot, without_plans)
+    assert "no messages on /move_base/TrajectoryPlannerROS/global_plan" in answer.note
+    assert answer.kind == "crept"
+
+
+def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
+    robot, drive = spoilt
+    no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
+    stop = RobotStop("gave up its goal", BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
+    *_, answer = answers(tmp_path / "gave_up.bag", robot, no_event, stop)
+    assert answer.kind == "gave up its goal"
+    assert answer.reason.startswith("no faster way is sampled")
+    assert (answer.x, answer.y) == (0.5, 0.25)
+
+
+def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path):
+    robot, drive = spoilt
+    stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
+    *_, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
+    assert answer.kind == "crept"
+
+
+def test_messages_without_a_description_are_refused(spoilt, tmp_path):
+    _, drive = spoilt
+    messages = raw_messages(tmp_path / "drive.bag", drive)
+    with pytest.raises(ApplrError, match="no message on /black_box/parameters"):
+        list(answers_of(messages, RobotStop("stood", 2.0, 8.0, (0.0, 0.0)), deserialize))

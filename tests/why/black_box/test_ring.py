@@ -1,0 +1,98 @@
+"""Tests of the memory of the last minutes."""
+
+from applr_ros1.drives.columns import SECOND
+from applr_ros1.why.black_box.bag_file import Publication, RawMessage
+from applr_ros1.why.black_box.ring import MESSAGE_BYTES, Ring, RouteFilter
+
+SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
+PLAN = Publication("/plan", "nav_msgs/Path", "")
+OTHER_PLAN = PLAN._replace(publisher="/another")
+
+
+def message(seconds, publication=SCAN, data=b"scan"):
+    """Return a message that came at a time [s]."""
+    return RawMessage(round(seconds * SECOND), publication, data)
+
+
+def test_the_last_seconds_are_kept():
+    ring = Ring(10.0, 10**6)
+    messages = [message(0.5 * step) for step in range(41)]
+    for sent in messages:
+        ring.add(sent)
+    # The last one came at 20 s.
+    assert ring.messages() == messages[20:]
+    assert ring.seconds == 10.0
+    assert ring.messages(begin=19 * SECOND) == messages[38:]
+
+
+def test_memory_is_bounded_and_the_oldest_leave_first():
+    size = MESSAGE_BYTES + 1000
+    ring = Ring(1000.0, 5 * size)
+    messages = [message(step, data=b"x" * 1000) for step in range(20)]
+    for sent in messages:
+        ring.add(sent)
+    assert ring.messages() == messages[-5:]
+    assert ring.byte_count == 5 * size
+    # A message that is larger than all memory leaves nothing.
+    ring.add(message(21.0, data=b"x" * 10_000))
+    assert ring.messages() == []
+    assert ring.byte_count == 0
+    ring.add(messages[-1])
+    assert ring.messages() == [messages[-1]]
+
+
+def test_what_holds_until_the_next_message_stands_at_the_begin():
+    ring = Ring(10.0, 10**6)
+    ring.add(message(0.0, PLAN, b"first"), holds=True)
+    ring.add(message(1.0, PLAN, b"second"), holds=True)
+    ring.add(message(1.0, OTHER_PLAN, b"another"), holds=True)
+    for second in range(2, 31):
+        ring.add(message(second))
+    first, second, *scans = ring.messages()
+    assert {first.data, second.data} == {b"second", b"another"}
+    assert first.time == second.time == 20 * SECOND
+    assert len(scans) == 11
+
+    # The same where the begin lies within what is kept
+    ring.add(message(31.0, PLAN, b"third"), holds=True)
+    ring.add(message(32.0))
+    assert {entry.data for entry in ring.messages(32 * SECOND)} == {b"third", b"another", b"scan"}
+
+
+def test_beside_followed_plans_routes_are_kept_once_a_second():
+    full = b"x" * 5000
+    empty = b"x" * 28
+    routes = RouteFilter()
+
+    def kept(key, begin, end, data=full):
+        """Return the number of messages that are kept of those at 20 Hz from begin to end [s]."""
+        times = [begin + 0.05 * step for step in range(round((end - begin) * 20))]
+        return sum(routes.keeps(key, message(time, PLAN, data)) for time in times)
+
+    # Without followed plans, the replay cuts them from all routes.
+    assert kept("routes", 0.0, 2.0) == 40
+    for second in range(2, 12):
+        assert kept("plans", second, second + 1) == 20
+        assert kept("routes", second, second + 1) <= 2
+    # A plan that is lost or found is kept at once.
+    assert kept("plans", 12.0, 12.05) == 1
+    assert kept("routes", 12.05, 12.1, empty) == 1
+    assert kept("routes", 12.1, 12.2, full) == 1
+    # Empty followed plans say nothing, and after a jump of the clock nothing is known.
+    assert kept("plans", 14.0, 15.0, empty) == 20
+    assert kept("routes", 15.0, 16.0) == 20
+    assert kept("plans", 3.0, 3.05) == 1
+    assert kept("routes", 3.05, 3.1) == 1
+
+
+def test_a_clock_that_jumps_back_empties_it_except_for_what_holds():
+    ring = Ring(10.0, 10**6)
+    ring.add(message(100.0))
+    ring.add(message(100.5, PLAN, b"plan"), holds=True)
+    # Threads may deliver messages in another order than they came.
+    ring.add(message(100.4))
+    assert len(ring.messages()) == 3
+    ring.add(message(3.0))
+    plan, scan = ring.messages()
+    assert (plan.data, plan.time) == (b"plan", 3 * SECOND)
+    assert scan.time == 3 * SECOND

@@ -1,0 +1,194 @@
+"""Tests of the detector of stops: it finds live, once, what why finds in the recorded drive."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1.drives.columns import SECOND, Stamp
+from applr_ros1.drives.received import Received
+from applr_ros1.robots import JACKAL
+from applr_ros1.why import events
+from applr_ros1.why.black_box.stops import GAVE_UP, HELD, SAVED, StopDetector
+from tests.support.measured_drives import DRIVES, STANDS, drive_of
+
+BEGIN_S = 1_700_000_000.0  # time at which a drive begins [s]
+LOOK_S = 0.5  # interval between two looks for a stop [s]
+# The Jackal's top speed and turn rate by its files are 0.5 m/s and 1.57 rad/s.
+TURNS = [(0.0, 0.4)] * 60
+SWINGS = ([(0.5, 0.8)] * 5 + [(0.5, -0.8)] * 5) * 6
+FRO = ([(0.4, 0.0)] * 30 + [(-0.4, 0.0)] * 30) * 4
+
+
+def at(seconds):
+    """Return the time of the robot's clock [ns] at a time of the drive [s]."""
+    return round((BEGIN_S + seconds) * SECOND)
+
+
+def messages_of(drive, has_goal=True, ended=""):
+    """Return the messages of a drive, in order of time.
+
+    Args:
+        drive: The drive.
+        has_goal: Whether move_base has a goal.
+        ended: How the goal ended at the end of the drive.
+    """
+    messages = []
+    odometry = drive.odometry
+    for time, pose, twist in zip(odometry.time.tolist(), odometry.pose, odometry.twist):
+        row = {"stamp": Stamp(0), "frame": "odom", "pose": tuple(pose), "twist": tuple(twist)}
+        messages.append(Received(at(time), "odometry", [row]))
+    last_time = float(odometry.time[-1])
+    for time in np.arange(0.0, last_time, 0.2):
+        running = "one" if has_goal else ""
+        messages.append(Received(at(time), "goals", [{"running": running}]))
+    if ended:
+        messages.append(Received(at(last_time), "results", [{"id": "one", "status": ended}]))
+    return sorted(messages, key=lambda message: message.recording_time)
+
+
+def verdict(time, action, reason=""):
+    """Return a message of the collision monitor."""
+    row = {"action": action, "reason": reason, "blocked": action == "stop"}
+    return Received(at(time), "verdicts", [row])
+
+
+def stops_of(messages, detector=None):
+    """Return the stops that are found while messages come, with the times at which they are."""
+    detector = detector or StopDetector(JACKAL)
+    stops = []
+    due_time = messages[0].recording_time / SECOND
+    for message in messages:
+        time = message.recording_time / SECOND
+        while due_time <= time:
+            stop = detector.stop(due_time)
+            if stop is not None:
+                found_at = round(due_time - BEGIN_S, 3)
+                since_begin = stop._replace(begin=stop.begin - BEGIN_S, end=stop.end - BEGIN_S)
+                stops.append((found_at, since_begin))
+            due_time += LOOK_S
+        if detector.wants(message.key, message.recording_time):
+            detector.take(message)
+    return stops
+
+
+@pytest.mark.parametrize(
+    ("kind", "twists"),
+    [
+        ("stood", STANDS * 3),
+        ("turned on the spot", TURNS * 3),
+        ("crept", [(0.1, 0.1)] * 180),
+        ("swung from side to side", SWINGS * 3),
+        ("drove backwards", [(-0.15, 0.0)] * 160),
+        ("went to and fro", FRO),
+    ],
+)
+def test_each_kind_is_found_once_when_it_has_lasted_five_seconds(kind, twists):
+    drive = drive_of(DRIVES + twists + DRIVES)
+    ((found_at, stop),) = stops_of(messages_of(drive))
+    assert stop.kind == kind
+    # Changes of sign are counted within a second, and ways within four.
+    slack = {"swung from side to side": 1.1, "went to and fro": 4.0}.get(kind, 0.1)
+    assert stop.begin == pytest.approx(3.0, abs=slack)
+    assert stop.begin + 4.9 <= found_at <= stop.begin + 5.0 + LOOK_S + 2 * slack
+
+
+def test_stops_at_two_places_are_two():
+    drive = drive_of(DRIVES + STANDS * 2 + DRIVES * 2 + STANDS * 2 + DRIVES)
+    stops = [stop for _, stop in stops_of(messages_of(drive))]
+    assert [stop.begin for stop in stops] == pytest.approx([3.0, 15.0], abs=0.1)
+    assert [stop.place[0] for stop in stops] == pytest.approx([1.5, 4.5], abs=0.05)
+
+
+def test_a_stop_that_lasts_minutes_is_one():
+    drive = drive_of(DRIVES + STANDS * 40 + DRIVES)
+    assert len(stops_of(messages_of(drive))) == 1
+
+
+def test_short_stops_slow_drives_and_robots_without_a_goal_do_not_stop():
+    four_seconds = STANDS + STANDS[:20]
+    assert stops_of(messages_of(drive_of(DRIVES + four_seconds + DRIVES))) == []
+    slow = [(0.2, 0.1)] * 400
+    assert stops_of(messages_of(drive_of(DRIVES + slow))) == []
+    stands = drive_of(DRIVES + STANDS * 4)
+    assert stops_of(messages_of(stands, has_goal=False)) == []
+
+
+def test_speeds_are_measured_by_the_limit_in_force_also_when_it_left_the_view():
+    slow = messages_of(drive_of([(0.1, 0.1)] * 1000))
+    values = {"max_vel_x": 0.12}
+    server = JACKAL.local_planner
+    lowered = Received(at(0.0), "changes", [{"server": server, "values": values}])
+    # 0.1 m/s of 0.12 are no creeping, those of 0.5 are.
+    assert stops_of([lowered, *slow]) == []
+    assert len(stops_of(slow)) == 1
+
+
+def test_a_goal_that_is_given_up_is_a_stop_unless_the_robot_is_known_to_stand():
+    drives = drive_of(DRIVES * 2)
+    after = [verdict(7.0, "pass")]  # Time goes on.
+    ((_, stop),) = stops_of(messages_of(drives, ended="aborted") + after)
+    assert stop.kind == GAVE_UP
+    assert stop.begin == pytest.approx(5.95, abs=0.2)  # The status comes five times a second.
+    assert stops_of(messages_of(drives, ended="reached") + after) == []
+
+    stands = drive_of(DRIVES + STANDS * 3)
+    ((_, known_stop),) = stops_of(messages_of(stands, ended="aborted") + [verdict(13.0, "pass")])
+    assert known_stop.kind == "stood"
+
+
+def test_a_robot_that_the_monitor_holds_for_three_seconds_stops():
+    # Its odometry goes on: the robot slides, or is pushed.
+    messages = messages_of(drive_of(DRIVES * 4))
+    held = [verdict(1.0, "stop", "a wall"), verdict(2.0, "stop", "another wall")]
+
+    def stops(*verdicts):
+        """Return the stops with these verdicts."""
+        in_order = sorted([*messages, *verdicts], key=lambda message: message.recording_time)
+        return stops_of(in_order)
+
+    ((found_at, stop),) = stops(*held)
+    assert stop.kind == HELD
+    assert stop.begin == pytest.approx(1.0)
+    assert found_at == 4.0
+    assert stops(*held, verdict(3.5, "pass")) == []
+    # A reason that was said before the view still holds.
+    long_drive = messages_of(drive_of(DRIVES * 20))
+    late_goal = [message for message in long_drive if message.key == "odometry"]
+    late_goal += [m for m in long_drive if m.key == "goals" and m.recording_time > at(50.0)]
+    late_goal.sort(key=lambda message: message.recording_time)
+    ((_, late_stop),) = stops_of([held[0], *late_goal])
+    assert late_stop.begin == pytest.approx(50.2, abs=0.25)
+
+
+def test_odometry_that_falls_silent_is_a_stop():
+    drive = drive_of(DRIVES * 5)
+    messages = messages_of(drive)
+    silent = [m for m in messages if m.key == "goals" or m.recording_time < at(4.0)]
+    ((_, stop),) = stops_of(silent)
+    assert stop.kind == events.UNHEARD
+    assert stop.begin == pytest.approx(3.95, abs=0.1)
+
+
+def test_odometry_without_velocities_is_measured_by_its_poses():
+    drive = drive_of(DRIVES * 5)
+    still = replace(drive.odometry, twist=np.zeros_like(drive.odometry.twist))
+    assert stops_of(messages_of(replace(drive, odometry=still))) == []
+
+
+def test_the_detector_starts_anew_when_the_clock_jumps_back():
+    detector = StopDetector(JACKAL)
+    drive = drive_of(DRIVES + STANDS * 3 + DRIVES)
+    assert len(stops_of(messages_of(drive), detector)) == 1
+    detector.forget()
+    assert len(stops_of(messages_of(drive), detector)) == 1
+
+
+def test_a_save_that_is_asked_for_has_the_robots_place():
+    detector = StopDetector(JACKAL)
+    for message in messages_of(drive_of(DRIVES)):
+        if detector.wants(message.key, message.recording_time):
+            detector.take(message)
+    stop = detector.asked(BEGIN_S + 3.0)
+    assert stop.kind == SAVED
+    assert stop.place[0] == pytest.approx(1.5, abs=0.05)
