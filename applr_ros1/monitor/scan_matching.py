@@ -137,7 +137,8 @@ class ScanMatcher:
         used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
         stride = STRIDE_BEAMS
         if is_partial:
-            stride = min(max(np.count_nonzero(is_used) // PARTIAL_POINTS, 1), STRIDE_BEAMS)
+            used_count = int(np.count_nonzero(is_used))
+            stride = min(max(used_count // PARTIAL_POINTS, 1), STRIDE_BEAMS)
         pose = self.corrected(scan.sensor_pose)
         newest_rays = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
         guesses = self._guesses(pose, scan.stamp)
