@@ -353,8 +353,9 @@ class Drive:
     def pack(self) -> bytes:
         """Return the driven path as npz.
 
-        It has time, pose and twist in a row per control cycle, and theta and decided per decision.
-        Poses are true. A path is kept of many trials, for pictures: everything else is left out.
+        It has time, pose and twist in a row per control cycle, theta and decided per decision, and
+        the times of contacts. Poses are true. A path is kept of many trials, for pictures:
+        everything else is left out.
         """
         truth = self.require(Driven).truth
         columns = {
@@ -363,6 +364,7 @@ class Drive:
             "twist": truth.twist,
             "theta": [list(decision.after.values()) for decision in self.decisions],
             "decided": [decision.time for decision in self.decisions],
+            "contacts": self.contacts,
         }
         # float32 halves the file, and pictures need no more.
         arrays: Dict[str, Any] = {}
@@ -383,6 +385,8 @@ class Drive:
             truth = Motion(times, times, arrays["pose"], arrays["twist"])
             thetas = arrays["theta"]
             decision_times = arrays["decided"]
+            # Older paths have no contacts.
+            contact_times = arrays["contacts"] if "contacts" in arrays else np.empty(0)
         decisions = []
         for decision_time, theta in zip(decision_times.tolist(), thetas.tolist()):
             # The names were not packed.
@@ -396,7 +400,7 @@ class Drive:
                 seen=None,
             )
             decisions.append(decision)
-        return cls(truth=truth, decisions=decisions)
+        return cls(truth=truth, decisions=decisions, contacts=contact_times)
 
     def require(self, needed: Type[Needed]) -> Needed:
         """Return the columns that a type such as Driven has as fields.

@@ -13,6 +13,7 @@ from typing import NamedTuple, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.drives.contact import contact_speed
 from applr_ros1.drives.drive import ABORTED, FLIPPED, REACHED, TIMED_OUT, Drive, Goal
 
 CLEAR = 3.0  # cap on the distance to the nearest obstacle in mean_clearance_m [widths of the body]
@@ -48,6 +49,7 @@ class Outcome:
         mean_jerk: Mean magnitude of the jerk [m/s^3].
         mean_turn: Mean magnitude of the yaw acceleration [rad/s^2].
         reason: Why the trial is over, in words.
+        contact_speed: True speed at the first contact of the trial [m/s]; NaN without one.
     """
 
     theta: np.ndarray
@@ -70,6 +72,7 @@ class Outcome:
     mean_jerk: float = 0.0
     mean_turn: float = 0.0
     reason: str = ""
+    contact_speed: float = math.nan
 
     @property
     def over(self) -> bool:
@@ -121,6 +124,7 @@ def outcome_of(
     _measure_clearance(outcome, drive, goal, leg, body_width)
     _measure_motion(outcome, drive, goal, leg)
     outcome.collided = bool((drive.contacts > goal.begin).any())
+    outcome.contact_speed = contact_speed(drive, goal.begin)
     outcome.success = goal.status == REACHED
     outcome.flipped = goal.status == FLIPPED
     outcome.aborted = goal.status == ABORTED

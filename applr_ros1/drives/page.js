@@ -36,8 +36,7 @@ function lineOf(drive, drives) {
 }
 
 function resultOf(drive) {
-  const touched = drive.hit ? ", touched something" : "";
-  return (drive.ok ? "reached the goal" : `failed: ${drive.why || "no goal"}`) + touched;
+  return (drive.ok ? "reached the goal" : `failed: ${drive.why || "no goal"}`) + drive.hit;
 }
 
 // -- map ------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ import numpy as np
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.pages.colors import color_indices
 from applr_ros1.common.pages.page import Page
+from applr_ros1.drives.contact import contact_in_words, contact_speed
 from applr_ros1.drives.drive import REACHED, Drive, Driven, DrivenToGoal
 from applr_ros1.monitor.stopping import edge_points
 from applr_ros1.policy.parameter_space import Space
@@ -111,9 +112,15 @@ def verdict_of(drive: Drive, world: World, outline: np.ndarray, begins: float = 
     else:
         ending = f"Did not reach the goal: {goal.reason} after {duration}"
     nearest_distance = nearest_obstacle(drive, world, outline, begins)
-    contact_note = ", touched something" if len(drive.contacts) else ""
     distances = f"{truth.length:.1f} m, nearest obstacle {nearest_distance:.2f} m"
-    return f"{ending}, {distances}{contact_note}"
+    return f"{ending}, {distances}{contact_note(drive)}"
+
+
+def contact_note(drive: Drive) -> str:
+    """Return the first contact of a drive, to be appended to a sentence; "" without one."""
+    if not len(drive.contacts):
+        return ""
+    return f", {contact_in_words(contact_speed(drive))}"
 
 
 def nearest_obstacle(drive: Drive, world: World, outline: np.ndarray, begins: float) -> float:
@@ -212,7 +219,7 @@ def _drive(shown: Shown) -> Dict[str, Any]:
         "k": shown.trial,
         "t": round(goal.end - goal.begin, 1),
         "ok": goal.status == REACHED,
-        "hit": bool(len(drive.contacts)),
+        "hit": contact_note(drive),
         "why": goal.reason,
         # Differences have fewer digits than poses.
         "p": np.diff(np.rint(poses * 100.0).astype(int), axis=0, prepend=0).tolist(),

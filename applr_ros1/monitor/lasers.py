@@ -1,14 +1,18 @@
-"""Lasers of a robot, by topic and frame: which of them must send scans.
+"""Lasers of a robot, by topic and frame: which of them must send scans, and what each has seen.
 
 CollisionMonitor holds one Lasers. Lasers that share a topic are told apart by their frames.
 """
 
 from typing import Iterable, Iterator, List, Optional
 
+import numpy as np
+
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory
+from applr_ros1.monitor.moving import CertainTracks
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.movers.tracker import MoverTracker
 
 # Number of scans after which a laser belongs to the robot: if it falls silent, the robot stops.
 ESTABLISHED_SCANS = 50
@@ -16,7 +20,7 @@ LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let g
 
 
 class WatchedLaser:
-    """State of one laser: obstacle memory, fault check, stamp and fault of its latest scan.
+    """State of one laser: obstacle memory, trackers, fault check, and its latest scan.
 
     Attributes:
         topic: name of its topic, "" for that of the robot's first laser.
@@ -26,6 +30,10 @@ class WatchedLaser:
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
+        suspects: what moves in the odometry's frame, where slipping wheels move what stands, too.
+        movers: what moves in the frame of corrected poses.
+        gaps: points (n, 2) [m] of the latest scan from behind which something may come, in the
+            same frame; none if nothing does.
     """
 
     def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
@@ -34,16 +42,34 @@ class WatchedLaser:
         self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
+        limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
+        self.suspects = CertainTracks(MoverTracker(*limits))
+        self.movers = CertainTracks(MoverTracker(*limits))
         self.count = 0
         self.clear()
 
     def clear(self) -> None:
         """Forget the scans."""
-        self.memory.clear()
+        self.forget_place()
+        self.forget_tracks()
         self.check.clear()
         self.stamp: Optional[float] = None
         self.latest: Optional[float] = None
         self.fault = "no scan has arrived yet"
+
+    def forget_place(self) -> None:
+        """Forget what was seen, because the robot is elsewhere.
+
+        Tracks end by themselves. If a large obstacle that moves made the scan look like another
+        place, its track is still needed.
+        """
+        self.memory.clear()
+        self.gaps = np.empty((0, 2))
+
+    def forget_tracks(self) -> None:
+        """Forget what moves, because poses are corrected anew."""
+        self.suspects.clear()
+        self.movers.clear()
 
 
 class Lasers:

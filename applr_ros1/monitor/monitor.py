@@ -18,6 +18,14 @@ from applr_ros1.monitor import stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.lasers import Lasers, WatchedLaser
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
+from applr_ros1.monitor.moving import (
+    NO_DISCS,
+    Discs,
+    gaps_in,
+    hidden_discs,
+    tracked_discs,
+    without_movers,
+)
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD
 from applr_ros1.monitor.settings import MonitorSettings
@@ -38,6 +46,7 @@ SLOW = "slow"
 STOP = "stop"
 BRAKING = "braking within the friction limit"
 REVERSING = "braking within the friction limit before the change of direction"
+MOVER_COMES = "a moving obstacle may come into the way before the robot stands"
 # Multiple of the fastest command above which a measured speed is rejected.
 IMPOSSIBLE_FACTOR = 2.0
 # Longest stopping distance that is allowed [m]. Faster commands are limited.
@@ -218,10 +227,12 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
+        suspects = laser.suspects.update(scan)
 
         # The first laser corrects the pose, before any point of the scan is stored.
         if laser is self._lasers.first:
-            self.matcher.add_scan(scan)
+            is_partial = len(suspects.x) > 0
+            self.matcher.add_scan(without_movers(scan, suspects), is_partial)
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (
@@ -229,6 +240,13 @@ class CollisionMonitor:
                     "check that one robot publishes it"
                 )
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
+
+        # While the wheels slip, what stands seems to move in the odometry's frame. In that of the
+        # corrected poses only what moves does.
+        laser.movers.update(scan)
+        if self.settings.mover_speed > 0.0:
+            laser.gaps = gaps_in(scan)
+
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
         self.seen.forget(laser.memory.update(scan))
@@ -245,11 +263,13 @@ class CollisionMonitor:
             # The poses were corrected by the scans of the stray.
             self.matcher.clear()
             self._forget_place()
+            for watched in self._lasers:
+                watched.forget_tracks()
 
     def _forget_place(self) -> None:
         """Discard obstacles, observed space and motion, because the robot is elsewhere."""
         for laser in self._lasers:
-            laser.memory.clear()
+            laser.forget_place()
         self.seen.clear()
         self.motion.clear()
 
@@ -301,7 +321,8 @@ class CollisionMonitor:
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
             return Verdict.stop(self.braked(time, v), problem)
 
-        verdict = self._judge(pose, self.motions(twist), command, creeps)
+        discs = self._discs(pose, time - pose_age)
+        verdict = self._judge(pose, self.motions(twist), discs, command, creeps)
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
         # output counts.
         measured_v = v
@@ -412,8 +433,29 @@ class CollisionMonitor:
             return reachable_w
         return 0.0
 
+    def _discs(self, pose: Pose, stamp: float) -> Discs:
+        """Return where moving obstacles may be.
+
+        Args:
+            pose: corrected pose (x, y, yaw) of the robot.
+            stamp: time of this pose [s].
+        """
+        settings = self.settings
+        discs = []
+        for laser in self._lasers:
+            if laser.stamp is None:
+                continue
+            age = stamp - laser.stamp
+            movers = laser.movers.latest
+            if len(movers.x):
+                acceleration = settings.mover_acceleration
+                discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
+            if len(laser.gaps):
+                discs.append(hidden_discs(laser.gaps, pose, age, settings.mover_speed))
+        return np.concatenate(discs) if discs else NO_DISCS
+
     def _judge(
-        self, pose: Pose, motions: List[BaseMotion], command: Twist, creeps: bool
+        self, pose: Pose, motions: List[BaseMotion], discs: Discs, command: Twist, creeps: bool
     ) -> Verdict:
         """Return the Verdict on a command, which must be safe for each of the possible motions."""
         self.seen.stand(self._body.planes, self._radius, pose)
@@ -432,18 +474,23 @@ class CollisionMonitor:
         corner_i, corner_j = self.seen.corner.tolist()
         seen = SeenCells(self.seen.cells, corner_i, corner_j, *pose)
         scene = points, self._body, np.array(motions), command, delay, self._braking
-        safe_limit = stopping.safe_scale(*scene, seen)
+        safe_limit = stopping.safe_scale(*scene, seen, discs)
 
         # The robot may creep into unobserved space if no known obstacle is in the way.
         creep_scale = self._creep_scale(command)
         if creeps and safe_limit.scale < creep_scale:
-            known_limit = stopping.safe_scale(*scene, stopping.EVERYTHING)
+            known_limit = stopping.safe_scale(*scene, stopping.EVERYTHING, discs)
             if known_limit.scale > safe_limit.scale:
                 scale = min(known_limit.scale, creep_scale)
                 reason = "creeping: space within the stopping distance has not been observed"
                 return Verdict(_scaled(command, scale), SLOW, stoppable_scale * scale, reason)
             safe_limit = known_limit
-        return self._verdict(command, stoppable_scale, safe_limit)
+        verdict = self._verdict(command, stoppable_scale, safe_limit)
+        if safe_limit.scale < 1.0 and len(discs):
+            static_limit = stopping.safe_scale(*scene, seen, NO_DISCS)
+            if static_limit.scale > safe_limit.scale:
+                return replace(verdict, reason=MOVER_COMES)
+        return verdict
 
     def _verdict(self, command: Twist, stoppable_scale: float, safe_limit: SafeScale) -> Verdict:
         """Return the Verdict on a command with the largest scale that is safe.

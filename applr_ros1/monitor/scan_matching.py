@@ -24,6 +24,7 @@ from applr_ros1.monitor.rays import ScanRays, beam_at, end_point, rays_of
 
 REACH_M = 8.0  # longest range that is used for matching [m]
 STRIDE_BEAMS = 3  # spacing of the beams that are matched to an earlier scan [beams]
+PARTIAL_POINTS = 60  # number of points of a partial scan that are matched, if there are as many
 # Distance to each side of a point over which the surface normal is estimated [m], and the largest
 # number of beams.
 BASE_M = 0.02
@@ -115,13 +116,17 @@ class ScanMatcher:
         """Return the corrected pose for a pose (x, y, yaw) of the odometry frame [m, rad]."""
         return compose(self.correction, pose)
 
-    def add_scan(self, scan: LaserScan) -> bool:
+    def add_scan(self, scan: LaserScan, is_partial: bool = False) -> bool:
         """Match a scan in the odometry frame, and update the correction.
 
         The scan is matched to the nearest reference scan, so that a robot that comes back to a
         place gets the same coordinates. If the scan does not fit, this reference is discarded, and
         the scan is matched to the previous scan. If the robot is lost, all references are
         discarded.
+
+        Args:
+            scan: The scan.
+            is_partial: Whether ranges were left out of it, so that few of the others may be.
 
         Returns:
             True if the scan fits an earlier scan. Otherwise the correction does not change.
@@ -130,6 +135,10 @@ class ScanMatcher:
         longest_range = min(scan.range_max, REACH_M)
         is_used = (measured_ranges >= scan.range_min) & (measured_ranges < longest_range)
         used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
+        stride = STRIDE_BEAMS
+        if is_partial:
+            used_count = int(np.count_nonzero(is_used))
+            stride = min(max(used_count // PARTIAL_POINTS, 1), STRIDE_BEAMS)
         pose = self.corrected(scan.sensor_pose)
         newest_rays = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
         guesses = self._guesses(pose, scan.stamp)
@@ -138,12 +147,14 @@ class ScanMatcher:
         matched_pose: Optional[Pose] = None
         self.lost = False
         if nearest_index is not None:
-            matched_pose = self._align(self._references[nearest_index], newest_rays, guesses)
+            matched_pose = self._align(
+                self._references[nearest_index], newest_rays, guesses, stride
+            )
             if matched_pose is None:
                 assert self._last is not None
                 del self._references[nearest_index]
                 nearest_index = None
-                matched_pose = self._align(self._last, newest_rays, guesses)
+                matched_pose = self._align(self._last, newest_rays, guesses, stride)
                 if matched_pose is None:
                     self.lost = self._is_elsewhere(measured_ranges, newest_rays)
         if self.lost:
@@ -208,12 +219,17 @@ class ScanMatcher:
             return [pose, extrapolated_pose]
         return [pose]
 
-    def _align(self, earlier: ScanRays, newest: ScanRays, guesses: List[Pose]) -> Optional[Pose]:
-        """Return the pose at which a scan fits an earlier one, or None if no match is valid."""
+    def _align(
+        self, earlier: ScanRays, newest: ScanRays, guesses: List[Pose], stride: int
+    ) -> Optional[Pose]:
+        """Return the pose at which a scan fits an earlier one, or None if no match is valid.
+
+        stride: spacing of the beams that are matched [beams].
+        """
         if self._lines_of is not earlier.ranges:
             self._lines_of = earlier.ranges
             self._lines = lines(earlier.ranges, earlier.angle_min, earlier.increment)
-        points = _points(newest.ranges, newest.angle_min, newest.increment)
+        points = _points(newest.ranges, newest.angle_min, newest.increment, stride)
         best_pose: Optional[Pose] = None
         best_rank = (False, -math.inf)
         for number, guess in enumerate(guesses):
@@ -299,15 +315,15 @@ def _nearest(poses: Array, pose: Pose) -> int:
 
 
 @kernel
-def _points(ranges: Array32, angle_min: float, increment: float) -> Array:
-    """Return every STRIDE_BEAMS-th beam that has a return, as (k, 3).
+def _points(ranges: Array32, angle_min: float, increment: float, stride: int) -> Array:
+    """Return every stride-th beam that has a return, as (k, 3).
 
     Columns are x, y [m] in the scanner's frame, and the index of the beam.
     """
     beam_count = ranges.shape[0]
-    points = np.empty((beam_count // STRIDE_BEAMS + 1, 3))
+    points = np.empty((beam_count // stride + 1, 3))
     count = 0
-    for beam in range(0, beam_count, STRIDE_BEAMS):
+    for beam in range(0, beam_count, stride):
         distance = ranges[beam]
         if not math.isnan(distance):
             angle = angle_min + beam * increment

@@ -11,6 +11,9 @@ from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import corners
 from applr_ros1.robots.robot import Monitoring
 
+# Settings that describe the robot, and are no parameters of the monitor
+OF_ROBOT = {"body", "max_speed", "max_yaw_rate", "scan_period"}
+
 
 @dataclass(frozen=True)
 class MonitorSettings:
@@ -26,7 +29,12 @@ class MonitorSettings:
         yaw_deceleration: guaranteed deceleration of the turn rate [rad/s^2].
         turn_gain: largest ratio of actual to commanded turn rate.
         turn_ahead: distance from the robot's origin forward to its centre of rotation [m].
+        max_speed: fastest speed of the base [m/s].
+        max_yaw_rate: fastest turn rate of the base [rad/s].
+        scan_period: interval between two scans [s].
         creep_speed: fastest speed of any point of the body in unobserved space [m/s].
+        mover_acceleration: largest acceleration of a tracked moving obstacle [m/s^2].
+        mover_speed: largest speed of what comes from behind a corner [m/s]; 0 if nothing does.
         scan_timeout: age of the latest scan, pose or twist at which the base must stop [s].
         memory_radius: distance within which obstacles are remembered [m].
         memory_seconds: time for which an obstacle out of the scanner's sight is remembered [s]. It
@@ -39,22 +47,36 @@ class MonitorSettings:
     reaction_time: float
     deceleration: float
     yaw_deceleration: float
+    max_speed: float
+    max_yaw_rate: float
+    scan_period: float
     turn_gain: float = 1.0
     turn_ahead: float = 0.0
     creep_speed: float = 0.1
+    mover_acceleration: float = 1.0
+    mover_speed: float = 0.0
     scan_timeout: float = 0.5
     memory_radius: float = 8.0
     memory_seconds: float = 300.0
 
     @classmethod
     def of(cls, robot: Robot) -> "MonitorSettings":
-        """Return a robot's settings: its outline, in whole millimetres, and section `monitor`."""
+        """Return a robot's settings: its outline, in whole millimetres, and section `monitor`.
+
+        Speeds and scan period are those of its base and its laser.
+        """
         outline = corners(robot)
         # Coordinates that rounding errors put just above a whole millimetre are not rounded up to
         # the next one.
         millimetres = np.ceil(1e3 * np.abs(outline) - 1e-6)
         body = np.copysign(millimetres / 1e3, outline)
-        return cls(body=tuple((x, y) for x, y in body.tolist()), **robot.monitor.model_dump())
+        return cls(
+            body=tuple((x, y) for x, y in body.tolist()),
+            max_speed=robot.base.max_speed,
+            max_yaw_rate=robot.base.max_yaw_rate,
+            scan_period=1.0 / robot.laser.rate,
+            **robot.monitor.model_dump(),
+        )
 
     def __post_init__(self) -> None:
         bounds = {

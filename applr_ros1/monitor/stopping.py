@@ -4,8 +4,9 @@ The model of the base has three phases. First the base keeps its measured veloci
 its pose is old. Then it follows the command for the reaction time. Its turn rate may be as
 commanded, higher, as measured, or zero. Last, it brakes along the same arc, more gently below .3
 m/s. A stop brakes at once along the current arc. The body is a convex outline widened by a margin,
-and must not touch any obstacle point. The outline itself must not enter unobserved cells. At the
-end the base may turn by its yaw swing, because nearly stopped wheels have unequal friction.
+and must not touch any obstacle point, nor what moves, where it may be at the same time (moving.py).
+The outline itself must not enter unobserved cells. At the end the base may turn by its yaw swing,
+because nearly stopped wheels have unequal friction.
 """
 
 import math
@@ -18,6 +19,7 @@ from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.monitor.known_space import CELL_M, cell_of
+from applr_ros1.monitor.moving import BodyPose, Discs, may_meet, will_meet
 
 CHECK_STEP_S = 0.02  # interval between two checked poses [s]
 # The friction limit falls at low speed, and the braking that was measured from full speed does not
@@ -116,15 +118,6 @@ class SafeScale(NamedTuple):
     can_stop: bool
 
 
-class BodyPose(NamedTuple):
-    """Pose of the body: x, y [m], cosine and sine of its yaw."""
-
-    x: float
-    y: float
-    cos_yaw: float
-    sin_yaw: float
-
-
 class Obstacles(NamedTuple):
     """Obstacle points in the robot's frame.
 
@@ -143,7 +136,10 @@ class Obstacles(NamedTuple):
 
 
 class Check(NamedTuple):
-    """All that decides whether a command is safe, except its scale and the turn rate."""
+    """All that decides whether a command is safe, except its scale and the turn rate.
+
+    keeps_clear: whether the base must also come to rest out of the way of what moves.
+    """
 
     obstacles: Obstacles
     body: BodyOutline
@@ -152,6 +148,8 @@ class Check(NamedTuple):
     delay: Delay
     braking: Braking
     seen: SeenCells
+    discs: Discs
+    keeps_clear: bool
 
 
 def half_planes(outline: Any) -> np.ndarray:
@@ -194,6 +192,7 @@ def safe_scale(
     delay: Delay,
     braking: Braking,
     seen: SeenCells,
+    discs: Discs,
 ) -> SafeScale:
     """Return the largest scale of a command after which the base can still stop without contact.
 
@@ -205,6 +204,7 @@ def safe_scale(
         delay: times before the base brakes.
         braking: how it brakes and turns.
         seen: observed space, or EVERYTHING.
+        discs: (k,) DISCs of what moves.
     """
     obstacles = _obstacles(points, body)
     smallest = SafeScale(scale=1.0, can_stop=True)
@@ -212,7 +212,13 @@ def safe_scale(
         motion = BaseMotion(
             motions[number, 0], motions[number, 1], motions[number, 2], motions[number, 3]
         )
-        check = Check(obstacles, body, motion, command, delay, braking, seen)
+        is_among_movers = discs.shape[0] > 0
+        check = Check(
+            obstacles, body, motion, command, delay, braking, seen, discs, is_among_movers
+        )
+        if is_among_movers and not _is_free(check, 0.0, AS_MEASURED):
+            # Even a base that brakes at once stands in the way of something: rather drive on.
+            check = Check(obstacles, body, motion, command, delay, braking, seen, discs, False)
         safe = _safe_scale(check)
         # If a base that brakes at once stops for one motion and not for another, the worse one
         # counts.
@@ -300,20 +306,23 @@ def _is_free_every_way(check: Check, scale: float) -> bool:
         return False
     if not _is_free(check, scale, AS_MEASURED):
         return False
+    # A base that gains speed late meets what moves at other places.
+    if check.discs.shape[0] > 0 and not _is_free(check, scale, AS_MEASURED, False):
+        return False
     # Without a commanded turn, the base already goes straight on in the first case.
     _, command_w = check.command
     return command_w == 0.0 or _is_free(check, scale, 0.0)
 
 
 @kernel
-def _is_free(check: Check, scale: float, turn_share: float) -> bool:
+def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = True) -> bool:
     """Return whether the body touches nothing until the base stands.
 
     The base keeps its velocity, follows scale * command, and then brakes. turn_share is the ratio
     of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes
-    at once. The lateral velocity is that of a turn about the centre of rotation plus the measured
-    lateral slip. If the base turns faster than commanded its tyres must be gripping, so no slip is
-    added.
+    at once. Without `gains_speed` it follows only a slower command. The lateral velocity is that of
+    a turn about the centre of rotation plus the measured lateral slip. If the base turns faster
+    than commanded its tyres must be gripping, so no slip is added.
     """
     body = check.body
     braking = check.braking
@@ -327,6 +336,7 @@ def _is_free(check: Check, scale: float, turn_share: float) -> bool:
     keeping_left = check.delay.pose_age
     following_left = check.delay.reaction if scale > 0.0 else 0.0
     fastest_braking = 0.0
+    time = 0.0
     x = 0.0
     y = 0.0
     yaw = 0.0
@@ -336,7 +346,8 @@ def _is_free(check: Check, scale: float, turn_share: float) -> bool:
             step = min(keeping_left, CHECK_STEP_S)
             keeping_left -= CHECK_STEP_S
         elif following_left > 0.0:
-            v = _followed_speed(v, target_v, braking.deceleration * CHECK_STEP_S)
+            if gains_speed or abs(target_v) < abs(v):
+                v = _followed_speed(v, target_v, braking.deceleration * CHECK_STEP_S)
             if turn_share != AS_MEASURED:
                 # A base that is still too fast turns as much as keeps it on the arc of the command.
                 is_too_fast = target_v * v > 0.0 and abs(v) > abs(target_v)
@@ -367,15 +378,23 @@ def _is_free(check: Check, scale: float, turn_share: float) -> bool:
         x += (v * cos_half - leftward * sin_half) * step
         y += (v * sin_half + leftward * cos_half) * step
         yaw += w * step
+        time += step
         place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
         limits = check.obstacles.margin_limit
         if _is_deeper(check.obstacles, limits, body.planes, body.margin, place):
             return False
         if not _is_seen(check.seen, body.edge, place):
             return False
+        if may_meet(check.discs, body.planes, body.edge, body.margin, place, time):
+            return False
 
     swing = SWING_RAD * min(fastest_braking / LAST_SPEED_M_S, 1.0)
     if not _is_seen_beyond(check.seen, body.edge, (x, y, yaw), target_v, target_w):
+        return False
+    place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
+    if check.keeps_clear and will_meet(
+        check.discs, body.planes, body.edge, body.margin, place, time
+    ):
         return False
     return _may_swing(check.obstacles, body.planes, braking.turn_ahead, (x, y, yaw), swing)
 

@@ -16,7 +16,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose, compose, inverse, transform_point
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.scan import LaserScan, SensorCloud, beam_directions, project
-from applr_ros1.movers.tracker import Movers, MoverTracker
+from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.robots import Robot
 
 STEP_S = 0.15  # interval between two predicted positions of a disc [s]
@@ -53,10 +53,7 @@ class Prediction:
         """Forget all scans and moving obstacles."""
         self._tracker.reset()
         self._clears_until = -math.inf  # stamp until which beams without return clear [s]
-        nothing = np.empty(0)
-        self.movers = Movers(
-            id=nothing, x=nothing, y=nothing, vx=nothing, vy=nothing, radius=nothing
-        )
+        self.movers = self._tracker.movers
         self.points = np.empty((0, 3), np.float32)
 
     def add_scan(self, scan: LaserScan) -> SensorCloud:

@@ -30,7 +30,8 @@ class Movers(NamedTuple):
     """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of equal length.
 
     id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius
-    of the disc [m].
+    of the disc [m]. covariance: (n, 3) variance of the position [m^2], covariance of position and
+    velocity [m^2/s], and variance of the velocity [m^2/s^2], along each axis.
     """
 
     id: np.ndarray
@@ -39,6 +40,7 @@ class Movers(NamedTuple):
     vx: np.ndarray
     vy: np.ndarray
     radius: np.ndarray
+    covariance: np.ndarray
 
 
 class MoverTracker:
@@ -105,19 +107,19 @@ class MoverTracker:
             last_stamp, (last_x, last_y, last_yaw) = self._last
             interval = scan.stamp - last_stamp
             if -PAUSE_S < interval <= 0.0:
-                return self._movers()
+                return self.movers
             distance = math.hypot(x - last_x, y - last_y)
             turn_angle = normalize_angle(yaw - last_yaw)
             if self._has_jumped(interval, distance, turn_angle):
                 self.reset()
                 interval = 0.0
         if scan.rotation is not None:
-            return self._movers()
+            return self.movers
         if self._last is not None:
             self._filter_speeds(interval, distance, turn_angle)
         self._last = scan.stamp, (x, y, yaw)
         self._follow(scan, (x, y, yaw), interval)
-        return self._movers()
+        return self.movers
 
     def _has_jumped(self, interval: float, distance: float, turn_angle: float) -> bool:
         """Return whether time has jumped, or the pose faster than the base can drive and turn."""
@@ -185,13 +187,24 @@ class MoverTracker:
         cluster_count = clusters.find_clusters(ranges, directions, fans, self._clusters)
         return self._clusters[:cluster_count]
 
-    def _movers(self) -> Movers:
+    @property
+    def movers(self) -> Movers:
+        """Moving obstacles at the latest scan's stamp."""
         moving_tracks = self._tracks[self._tracks["moves"]]
         to_odometry = inverse(self._correction)
         turn_to_odometry = (0.0, 0.0, to_odometry[2])
         x, y = transform_point(to_odometry, moving_tracks["x"], moving_tracks["y"])
         vx, vy = transform_point(turn_to_odometry, moving_tracks["vx"], moving_tracks["vy"])
-        return Movers(moving_tracks["id"], x, y, vx, vy, moving_tracks["radius"])
+        covariance = [moving_tracks["pp"], moving_tracks["pv"], moving_tracks["vv"]]
+        return Movers(
+            id=moving_tracks["id"],
+            x=x,
+            y=y,
+            vx=vx,
+            vy=vy,
+            radius=moving_tracks["radius"],
+            covariance=np.column_stack(covariance),
+        )
 
 
 def warm_up() -> None:

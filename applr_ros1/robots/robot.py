@@ -283,6 +283,12 @@ class Monitoring(Section):
     turn_ahead: float = real(
         "m", -2.0, 2.0, "distance of the centre of rotation ahead of base_link", 0.0
     )
+    mover_acceleration: float = real(
+        "m/s^2", 0.0, 20.0, "largest acceleration of a tracked moving obstacle", 1.0
+    )
+    mover_speed: float = real(
+        "m/s", 0.0, 5.0, "largest speed of what comes from behind a corner; 0 if nothing does", 0.0
+    )
 
 
 class Simulation(Section):

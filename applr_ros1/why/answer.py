@@ -17,7 +17,14 @@ GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
 
 
 def what_happened(diagnosis: Diagnosis) -> str:
-    """Return the first line: where and when, what happened, and why."""
+    """Return the first line: a contact, then where and when, what happened, and why."""
+    if diagnosis.touch is not None:
+        return f"{diagnosis.touch} {_what_stopped_it(diagnosis)}"
+    return _what_stopped_it(diagnosis)
+
+
+def _what_stopped_it(diagnosis: Diagnosis) -> str:
+    """Return the longest event with place, time and reason, or that there was none."""
     if diagnosis.part is not None:
         place = beside(*diagnosis.part, digits=1)
         return f"The laser sees a part of the robot, {place} of its centre."
@@ -35,7 +42,7 @@ def what_happened(diagnosis: Diagnosis) -> str:
 def headline(diagnosis: Diagnosis) -> str:
     """Return what happened as a sentence about the robot, for the top of a page."""
     event = diagnosis.longest
-    if event is None or diagnosis.part is not None:
+    if event is None or diagnosis.part is not None or diagnosis.touch is not None:
         return what_happened(diagnosis)
     happened = f"The robot {event.kind} from {event.begin:.1f} to {event.end:.1f} s"
     if not event.reason:

@@ -25,6 +25,7 @@ from applr_ros1.why.reasons import (
 )
 from applr_ros1.why.replay import Replay, some
 from applr_ros1.why.stretch import Stretch, first_of
+from applr_ros1.why.touch import FirstContact, touch_of
 
 EXPLAINED = 5  # number of explained cycles of an event; the middle one stands for the event
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
@@ -44,12 +45,14 @@ class Diagnosis:
         events: Events in order of time, with their reasons.
         explained: Explanations of some cycles of each event.
         part: Place (x, y) beside the robot where the laser sees a part of it, or None.
+        touch: First contact, or None.
     """
 
     replay: Replay
     events: List[Event]
     explained: List[List[Explanation]] = field(default_factory=list)
     part: Optional[Tuple[float, float]] = None
+    touch: Optional[FirstContact] = None
 
     @property
     def drive(self) -> Drive:
@@ -120,9 +123,11 @@ def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
     odometry = replay.recording.odometry
     if at is None:
         found_events = events.find(replay.drive, odometry, replay.limits)
+        touch = touch_of(replay.recording)
     else:
         found_events = [events.around(at, odometry, replay.limits)]
-    diagnosis = Diagnosis(replay, found_events)
+        touch = None  # Somebody asks about another moment.
+    diagnosis = Diagnosis(replay, found_events, touch=touch)
 
     # Why it happened
     for event in found_events:

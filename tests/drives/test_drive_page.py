@@ -71,7 +71,7 @@ def test_the_verdict_says_time_length_and_the_nearest_obstacle():
     failed_drive.contacts = np.array([1.0])
     verdict = verdict_of(failed_drive, WORLD, OUTLINE)
     assert verdict.startswith("Did not reach the goal: timed out after 3.0 s")
-    assert verdict.endswith("touched something")
+    assert verdict.endswith(", was touched at 1.0 m/s")
 
 
 def test_the_outline_is_compared_with_obstacles_that_move():

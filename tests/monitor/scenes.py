@@ -7,6 +7,7 @@ import numpy as np
 
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.moving import NO_DISCS
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import (
     EVERYTHING,
@@ -110,15 +111,17 @@ def safe_scale_of(
     reaction=0.15,
     body=BODY,
     seen=EVERYTHING,
+    discs=NO_DISCS,
 ):
     """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one BaseMotion."""
     safe = safe_scale(
-        np.array(points),
+        np.array(points, dtype=float).reshape(-1, 2),
         body,
         np.array([motion]),
         command,
         Delay(pose_age, reaction),
         braking,
         seen,
+        discs,
     )
     return safe.scale

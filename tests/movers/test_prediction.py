@@ -30,10 +30,15 @@ class Perfect:
         """Forget all obstacles."""
         self.rows = np.zeros((0, 5))
 
-    def update(self, scan):
+    @property
+    def movers(self):
         """Return the rows as tracked obstacles."""
         x, y, vx, vy, radius = np.array(self.rows, dtype=float).reshape(-1, 5).T
-        return Movers(np.arange(len(x)), x, y, vx, vy, radius)
+        return Movers(np.arange(len(x)), x, y, vx, vy, radius, np.zeros((len(x), 3)))
+
+    def update(self, scan):
+        """Return the rows, whatever the scan."""
+        return self.movers
 
 
 @pytest.fixture

@@ -75,8 +75,8 @@ def shown_drives(results: Results, world: str) -> List[Shown]:
                 continue
             status = REACHED if row.success else ABORTED
             drive.goals = [Goal(world, 0.0, row.time_s, status, row.reason)]
-            if row.collided:
-                # When the robot touched something is not in the table.
-                drive.contacts = np.array([row.time_s])
+            if row.collided and not len(drive.contacts):
+                # An older trace does not tell when the robot touched something.
+                drive.contacts = np.array([np.inf])
             shown.append(Shown(number, row.trial, drive))
     return shown

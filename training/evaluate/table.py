@@ -38,6 +38,8 @@ for _field in fields(Result):
     COLUMNS[_field.name] = _field.type
     if _field.type == "float":
         NAN[_field.name] = ["nan"]
+# Columns that tables of older versions lack; their values are missing then.
+LATER_COLUMNS = ("contact_speed",)
 DECIMALS = 4  # precision of the numbers in a table
 
 
@@ -52,7 +54,12 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
     if Path(path).exists():
         file_bytes = read_bytes(path)
     whole_lines = file_bytes[: file_bytes.rfind(b"\n") + 1] or _lines([tuple(COLUMNS)])
-    columns = list(COLUMNS)
+    first_line, _, _ = whole_lines.partition(b"\n")
+    in_file = first_line.decode(errors="replace").split(",")
+    columns = []
+    for column in COLUMNS:
+        if column in in_file or column not in LATER_COLUMNS:
+            columns.append(column)
     with reading(path):
         trials = pd.read_csv(
             io.BytesIO(whole_lines),
@@ -61,7 +68,8 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
             keep_default_na=False,
             na_values=NAN,
         )
-        return trials[columns].round(DECIMALS)  # usecols keeps the order of the file.
+        # usecols keeps the order of the file.
+        return trials.reindex(columns=list(COLUMNS)).round(DECIMALS)
 
 
 class TrialTable:

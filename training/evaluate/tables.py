@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from applr_ros1.drives.contact import MOVING_M_S
 from applr_ros1.policy.decision import PERIOD
 from training.evaluate import paper
 from training.evaluate.compare import LEVEL, Estimate, over_worlds, rate
@@ -301,8 +302,9 @@ def table_4(results: Results) -> TableRows:
 
 @table(
     "Arrivals, contacts, and BARN's metric",
-    "With Wilson's 95 % interval, widened if trials in one world resemble each other. BARN's "
-    "metric is comparable with the Challenge's numbers only under --protocol barn-challenge.",
+    "With Wilson's 95 % interval, widened if trials in one world resemble each other. Moving: "
+    "trials in which the robot was faster than 0.1 m/s when it was first touched. BARN's metric is "
+    "comparable with the Challenge's numbers only under --protocol barn-challenge.",
 )
 def rates(results: Results) -> TableRows:
     """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
@@ -314,6 +316,7 @@ def rates(results: Results) -> TableRows:
             "trials": str(len(trials)),
             "success [%]": _percent(rate(trials.success, trials.world)),
             "collided [%]": _percent(rate(trials.collided, trials.world)),
+            "moving": _moving_contacts(trials),
             "metric": number(metric.mean(), 3),
         }
 
@@ -369,6 +372,14 @@ def methods(results: Results) -> TableRows:
 def _text_of(value: Any) -> str:
     """Return a parameter's value as text, a number with at most six digits."""
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _moving_contacts(trials: pd.DataFrame) -> str:
+    """Return how many trials have a contact of a moving robot; NONE if a speed is unknown."""
+    speeds = trials.contact_speed[trials.collided]
+    if speeds.isna().any():
+        return NONE
+    return str((speeds > MOVING_M_S).sum())
 
 
 def _percent(estimate: Estimate) -> str:

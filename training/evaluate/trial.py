@@ -57,6 +57,7 @@ class Result:
         mean_turn: Mean magnitude of the yaw acceleration [rad/s^2].
         switching: Mean change of the parameters per decision, in action units.
         total_reward: Sum of the rewards.
+        contact_speed: True speed at the first contact [m/s]; NaN without one, and in older tables.
     """
 
     success: bool = False
@@ -73,6 +74,7 @@ class Result:
     switching: float = 0.0
     mean_clearance_m: float = 0.0
     total_reward: float = 0.0
+    contact_speed: float = float("nan")
 
     @classmethod
     def of(

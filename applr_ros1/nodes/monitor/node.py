@@ -9,7 +9,7 @@ active.
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of
 further lasers; default: those of the description), ~escape (false), and the fields of
-monitor/settings.py except body.
+monitor/settings.py except OF_ROBOT.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from applr_ros1.monitor.monitor import (
     Verdict,
     warm_up,
 )
-from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.settings import OF_ROBOT, MonitorSettings
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import RosClock, Sensors
@@ -348,7 +348,7 @@ def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
     Raises:
         ApplrError: A parameter is unknown or has an invalid value.
     """
-    known_settings = {field.name for field in fields(MonitorSettings)} - {"body"}
+    known_settings = {field.name for field in fields(MonitorSettings)} - OF_ROBOT
     other_parameters = {*NAMING, "more_scans", "escape"}
     unknown = ", ".join(sorted(set(parameters) - known_settings - other_parameters))
     if unknown:

@@ -33,6 +33,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import LARGE_BUFFER
+from applr_ros1.drives.contact import contact_speed
 from applr_ros1.drives.drive import (
     ABORTED,
     REACHED,
@@ -43,7 +44,7 @@ from applr_ros1.drives.drive import (
     Goal,
 )
 from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, ended_early, in_full
-from applr_ros1.drives.page import PageScene, Shown, page, verdict_of
+from applr_ros1.drives.page import PageScene, Shown, contact_note, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES, Reading, pose_stamped, reading_of
@@ -208,8 +209,7 @@ def _drive(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> No
     truth, goals = drive.require(DrivenToGoal)
     goal = goals[-1]
     has_touched = bool(len(drive.contacts))
-    contact_note = ", with contact" if has_touched else ""
-    report(f"{goal.reason} after {goal.end:.1f} s and {truth.length:.2f} m{contact_note}")
+    report(f"{goal.reason} after {goal.end:.1f} s and {truth.length:.2f} m{contact_note(drive)}")
     spoiled = load.sentence(setup.robot.all_parameters()["controller_frequency"] * goal.end)
     if spoiled:
         report(spoiled)
@@ -219,6 +219,7 @@ def _drive(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> No
     result.update(
         success=goal.status == REACHED,
         collided=has_touched,
+        contact_speed=round(contact_speed(drive), 2) if has_touched else None,
         time_s=round(goal.end, 2),
         reason=goal.reason,
         timeout=goal.status == TIMED_OUT,

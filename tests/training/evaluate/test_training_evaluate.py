@@ -204,6 +204,7 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
         time_s=math.pi,
         reason='planner aborted: "no way", NA',
         min_clearance_m=math.inf,
+        contact_speed=0.25,
     )
     stored_result = replace(driven_result, time_s=3.1416)
     with TrialTable(tmp_path, {}) as table:
@@ -238,7 +239,7 @@ def test_a_table_is_read_as_pandas_reads_it(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
     with TrialTable(tmp_path, {"seed": 0}) as table:
         for task in plan:
-            table.add(task, Result(time_s=1.0))
+            table.add(task, Result(time_s=1.0, contact_speed=0.3))
     table_file = tmp_path / "trials.csv"
     as_pandas_reads = pd.read_csv(table_file, keep_default_na=False)
     as_we_read = read_trials(table_file)
@@ -381,3 +382,19 @@ def test_traces_are_stored_beside_the_table(tmp_path):
         table.add(plan[0], Result(time_s=1.0), drive.pack())
     assert read_trace(tmp_path, "generated:0", "dwa", 0).truth.pose.shape == (2, 3)
     assert read_trace(tmp_path, "generated:0", "dwa", 1) is None
+
+
+def test_a_table_of_an_older_version_has_no_speeds_of_contacts(tmp_path):
+    (task,) = plan_trials([("w", "w")], [("m", "m")], 1, seed=0)
+    with TrialTable(tmp_path, {}) as table:
+        table.add(task, Result(time_s=1.0, collided=True, contact_speed=0.3))
+    table_file = tmp_path / "trials.csv"
+    header, row = table_file.read_text().splitlines()
+    header = header.rpartition(",contact_speed")[0]
+    row = row.rpartition(",0.3")[0]
+    table_file.write_text(f"{header}\n{row}\n")
+
+    with TrialTable(tmp_path, {}) as table:
+        result = table.result(task)
+    assert result.collided
+    assert math.isnan(result.contact_speed)

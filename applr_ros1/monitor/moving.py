@@ -1,0 +1,256 @@
+"""Discs that moving obstacles may occupy until the base stands, for the collision monitor.
+
+Passive safety (Macek, Vasquez, Fraichard and Siegwart, "Safe vehicle navigation in dynamic urban
+scenarios", ITSC 2008): whatever the others do within what is assumed of them, the base rests before
+a contact. A tracked obstacle is assumed to keep its velocity, known up to the tracker's covariance,
+and to change it by no more than an acceleration. Unobserved space behind a corner may send
+something at a speed. Both are discs that grow. stopping.py compares them with the body, time for
+time.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose, inverse, transform_point
+from applr_ros1.common.arrays import Array
+from applr_ros1.common.kernels import kernel
+from applr_ros1.common.scan import LaserScan, beam_directions
+from applr_ros1.movers.tracker import Movers, MoverTracker
+
+# Standard deviations of a tracked position by which its disc is larger. Half of the filter's
+# deviation, 0.08 m/s, is more than the median error that was measured for the Jackal.
+DEVIATIONS = 0.5
+# Largest standard deviation of the velocity of a track that begins to count [m/s]. Moving obstacles
+# in full view have 0.16 to 0.26 m/s. Static clusters that are seen in parts, and seem to move for a
+# moment, have more.
+CERTAIN_M_S = 0.28
+ON_MOVER_M = 0.2  # distance from a tracked disc within which a range ends on it [m]
+# Time after a stop for which the base should stand out of the way of what moves, and step of the
+# check
+AHEAD_S = 1.5
+AHEAD_STEP_S = 0.1
+AHEAD_STEPS = round(AHEAD_S / AHEAD_STEP_S)
+# Difference between the ranges of neighbouring beams behind which something may hide [m]
+HIDING_M = 0.4
+HIDDEN_APART_M = 0.15  # distance between the discs along such a gap [m]
+HIDDEN_REACH_M = 4.0  # length of a gap, from the nearer range on, that is taken into account [m]
+
+# x, y: centre [m], in the robot's frame at its latest pose. vx, vy: velocity [m/s].
+# radius [m]. pp, pv, vv: variance of the position, covariance of position and velocity, variance of
+#     the velocity, along each axis.
+# acceleration: largest change of the velocity [m/s^2]. growth: speed at which the radius grows
+#     [m/s]. age: age of the disc at the time of the pose [s].
+DISC = np.dtype(
+    [
+        ("x", np.float64),
+        ("y", np.float64),
+        ("vx", np.float64),
+        ("vy", np.float64),
+        ("radius", np.float64),
+        ("pp", np.float64),
+        ("pv", np.float64),
+        ("vv", np.float64),
+        ("acceleration", np.float64),
+        ("growth", np.float64),
+        ("age", np.float64),
+    ],
+    align=True,
+)
+Disc = Any  # a record of DISC, which numba knows by its dtype
+Discs = Any  # an array (n,) of them
+NO_DISCS = np.empty(0, DISC)
+
+
+class BodyPose(NamedTuple):
+    """Pose of the body: x, y [m], cosine and sine of its yaw."""
+
+    x: float
+    y: float
+    cos_yaw: float
+    sin_yaw: float
+
+
+class CertainTracks:
+    """Tracked obstacles in one frame whose velocities are, or were, certain enough to act on.
+
+    Attributes:
+        latest: those in the latest scan.
+    """
+
+    def __init__(self, tracker: MoverTracker):
+        self._tracker = tracker
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all tracks."""
+        self._tracker.reset()
+        self.latest = self._tracker.movers
+
+    def update(self, scan: LaserScan) -> Movers:
+        """Follow the tracks in a scan, and return those that are certain."""
+        movers = self._tracker.update(scan)
+        is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
+        is_certain |= np.isin(movers.id, self.latest.id)
+        self.latest = Movers(*(values[is_certain] for values in movers))
+        return self.latest
+
+
+def tracked_discs(
+    movers: Movers, planes: Array, robot_pose: Pose, age: float, acceleration: float
+) -> Discs:
+    """Return the DISCs (n,) of tracked obstacles.
+
+    Args:
+        movers: Tracked obstacles in the frame of the pose.
+        planes: (k, 3) half planes of the robot's outline. What the laser sees in the middle of it
+            is a part of the robot, and has no disc.
+        robot_pose: Pose (x, y, yaw) of the robot.
+        age: Time from the scan of the tracked obstacles to this pose [s].
+        acceleration: Largest change of their velocities [m/s^2].
+    """
+    to_robot = inverse(robot_pose)
+    x, y = transform_point(to_robot, movers.x, movers.y)
+    discs = np.zeros(len(movers.x), DISC)
+    discs["x"] = x
+    discs["y"] = y
+    discs["vx"], discs["vy"] = transform_point((0.0, 0.0, to_robot[2]), movers.vx, movers.vy)
+    discs["radius"] = movers.radius
+    discs["pp"], discs["pv"], discs["vv"] = movers.covariance.T
+    discs["acceleration"] = acceleration
+    discs["age"] = age
+    depths = planes[:, 2] - np.column_stack([x, y]) @ planes[:, :2].T
+    return discs[depths.min(axis=1) < 0.0]
+
+
+def without_movers(scan: LaserScan, movers: Movers) -> LaserScan:
+    """Return a scan without the ranges that end on tracked obstacles, which become NaN.
+
+    Otherwise what moves past a robot would look as if the robot slid.
+    """
+    if not len(movers.x):
+        return scan
+    directions = beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
+    ranges = np.where(np.isfinite(scan.ranges), scan.ranges, 0.0)
+    ends = ranges[:, None] * directions
+    centres = np.stack(transform_point(inverse(scan.sensor_pose), movers.x, movers.y), axis=1)
+    distances = np.hypot(*(ends[:, None] - centres).transpose(2, 0, 1))
+    is_mover = (distances < movers.radius + ON_MOVER_M).any(axis=1)
+    return replace(scan, ranges=np.where(is_mover, np.float32(np.nan), scan.ranges))
+
+
+def gaps_in(scan: LaserScan) -> Array:
+    """Return points (n, 2) [m] of a scan's frame from behind which something may come.
+
+    They are on the farther one of two neighbouring beams, beyond the end of the nearer one.
+    """
+    ranges = np.clip(np.nan_to_num(scan.ranges, nan=0.0), 0.0, scan.range_max)
+    is_known = scan.ranges >= scan.range_min
+    beams = np.arange(len(ranges))
+    points = [np.empty((0, 2))]
+    for neighbour in (-1, 1):
+        near_ranges = np.roll(ranges, neighbour)
+        is_gap = is_known & np.roll(is_known, neighbour) & (ranges - near_ranges > HIDING_M)
+        # The scan is no full turn: its ends are no neighbours.
+        is_gap[-1 if neighbour < 0 else 0] = False
+        for offset in np.arange(0.5 * HIDDEN_APART_M, HIDDEN_REACH_M, HIDDEN_APART_M):
+            distances = near_ranges + offset
+            is_hidden = is_gap & (distances < ranges)
+            bearings = scan.angle_min + scan.angle_increment * beams[is_hidden]
+            directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
+            local_points = distances[is_hidden, None] * directions
+            points.append(np.column_stack(transform_point(scan.sensor_pose, *local_points.T)))
+    return np.concatenate(points)
+
+
+def hidden_discs(points: Array, robot_pose: Pose, age: float, speed: float) -> Discs:
+    """Return the DISCs (n,) of what may come out of gaps.
+
+    Args:
+        points: gaps_in() a scan, (n, 2) [m].
+        robot_pose: Pose (x, y, yaw) of the robot in the same frame.
+        age: Time from the scan to this pose [s].
+        speed: Speed at which something may come [m/s].
+    """
+    discs = np.zeros(len(points), DISC)
+    discs["x"], discs["y"] = transform_point(inverse(robot_pose), *points.T)
+    discs["growth"] = speed
+    discs["age"] = age
+    return discs
+
+
+@kernel
+def may_meet(
+    discs: Discs, planes: Array, edge: Array, margin: float, place: BodyPose, time: float
+) -> bool:
+    """Return whether a body may meet a disc at a time, wherever the disc may be by then.
+
+    Args:
+        discs: (n,) DISCs.
+        planes: (k, 3) half planes of the body's outline.
+        edge: (n, 2) points along it [m].
+        margin: distance by which the outline is widened [m].
+        place: place of the body at this time.
+        time: time since the robot's latest pose [s].
+    """
+    for disc in discs:
+        elapsed = max(time + disc.age, 0.0)
+        reach = margin + _radius_after(disc, elapsed)
+        if _is_within(disc, planes, edge, place, elapsed, reach):
+            return True
+    return False
+
+
+@kernel
+def will_meet(
+    discs: Discs, planes: Array, edge: Array, margin: float, place: BodyPose, time: float
+) -> bool:
+    """Return whether a body that stands from a time on meets a disc that keeps its velocity.
+
+    The arguments are those of may_meet. Discs count for AHEAD_S.
+    """
+    for disc in discs:
+        reach = margin + disc.radius
+        for step in range(AHEAD_STEPS):
+            elapsed = max(time + step * AHEAD_STEP_S + disc.age, 0.0)
+            if _is_within(disc, planes, edge, place, elapsed, reach):
+                return True
+    return False
+
+
+@kernel
+def _is_within(
+    disc: Disc, planes: Array, edge: Array, place: BodyPose, elapsed: float, reach: float
+) -> bool:
+    """Return whether a disc's centre is nearer to a body than `reach` [m] after a time [s]."""
+    offset_x = disc.x + disc.vx * elapsed - place.x
+    offset_y = disc.y + disc.vy * elapsed - place.y
+    forward = place.cos_yaw * offset_x + place.sin_yaw * offset_y
+    leftward = place.cos_yaw * offset_y - place.sin_yaw * offset_x
+
+    # The distance from the outline is at least that from the farthest of its half planes.
+    lowest_distance = -np.inf
+    for plane in range(planes.shape[0]):
+        extent = planes[plane, 0] * forward + planes[plane, 1] * leftward
+        lowest_distance = max(lowest_distance, extent - planes[plane, 2])
+    if lowest_distance >= reach:
+        return False
+    if lowest_distance <= 0.0:
+        return True
+    for point in range(edge.shape[0]):
+        apart_x = edge[point, 0] - forward
+        apart_y = edge[point, 1] - leftward
+        if apart_x * apart_x + apart_y * apart_y < reach * reach:
+            return True
+    return False
+
+
+@kernel
+def _radius_after(disc: Disc, elapsed: float) -> float:
+    """Return the radius [m] within which an obstacle is after a time [s]."""
+    variance = disc.pp + 2.0 * elapsed * disc.pv + elapsed * elapsed * disc.vv
+    uncertainty = DEVIATIONS * math.sqrt(variance)
+    swerve = 0.5 * disc.acceleration * elapsed * elapsed
+    return float(disc.radius + uncertainty + swerve + disc.growth * elapsed)
