@@ -9,6 +9,7 @@ as well. applr_ros1/drives/end_rules.py defines time limits and ends of episodes
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Dict, Optional, Sequence, Tuple, Union
 
 import gymnasium
@@ -178,7 +179,11 @@ class ApplrEnv(gymnasium.Env):
         self.simulated.simulator.close()
 
     def _info(self, outcome: Outcome) -> Dict[str, Any]:
-        return {"world": self.simulated.simulator.world.name, **vars(outcome)}
+        info = {"world": self.simulated.simulator.world.name, **vars(outcome)}
+        # Equal episodes have equal infos, as Gymnasium demands, but NaN does not equal itself.
+        if math.isnan(outcome.contact_speed):
+            del info["contact_speed"]
+        return info
 
 
 class ActionMethod(Method):
