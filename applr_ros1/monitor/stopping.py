@@ -340,6 +340,7 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
     x = 0.0
     y = 0.0
     yaw = 0.0
+    place = BodyPose(x, y, 1.0, 0.0)
     while True:
         step = CHECK_STEP_S
         if keeping_left > 0.0:
@@ -391,7 +392,6 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
     swing = SWING_RAD * min(fastest_braking / LAST_SPEED_M_S, 1.0)
     if not _is_seen_beyond(check.seen, body.edge, (x, y, yaw), target_v, target_w):
         return False
-    place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
     if check.keeps_clear and will_meet(
         check.discs, body.planes, body.edge, body.margin, place, time
     ):

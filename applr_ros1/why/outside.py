@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import List
 
 from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
+from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.robots import Robot
 from applr_ros1.why.diagnosis import outside_events
 from applr_ros1.why.events import Event
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 
-USUAL_RATE = 20.0  # control rate of a move_base that has none of its own [Hz]
+# Control rate of a move_base that has none of its own [Hz]
+USUAL_RATE: float = by_name(MOVE_BASE)["controller_frequency"].default
 OTHER_PLANNER = f"the planner's own reasons are known for {' and '.join(REPLAYED)} only"
 
 

@@ -32,6 +32,13 @@ CHANNELS = (
 )
 
 
+def with_planned(drive: Drive) -> Drive:
+    """Return a drive with the planner's commands: without a monitor, they reach the base."""
+    if drive.planned is not None:
+        return drive
+    return replace(drive, planned=drive.commands)
+
+
 def recording_from(
     drive: Drive,
     names: TopicNames,
@@ -43,7 +50,7 @@ def recording_from(
     """Return a drive with columns that fit on each other.
 
     Args:
-        drive: The drive with its CHANNELS.
+        drive: The drive with its CHANNELS, and with_planned.
         names: Names of its topics.
         types: {topic: type} of all topics that were recorded.
         planner: Planner of the robot, which cuts the global planner's plans.
@@ -54,8 +61,6 @@ def recording_from(
         ApplrError: The drive lacks odometry, scans, commands or plans, another robot or planner
             drove, or the frames of its messages do not fit.
     """
-    if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
-        drive = replace(drive, planned=drive.commands)
     _check_planner(drive, robot, is_given)
     _check_columns(drive, robot, names, types)
     return fitted(drive, planner, robot, is_given)

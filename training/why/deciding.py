@@ -28,11 +28,13 @@ DECIDED = 0.5
 
 def decides(recording: Recording) -> bool:
     """Return whether the robot's policy made most of the decisions of a drive."""
+    decisions = recording.drive.decisions
+    if not decisions:
+        return False
     try:
         policy = methods.make(POLICY, recording.robot)
     except ApplrError:  # The robot has none.
         return False
-    decisions = recording.drive.decisions
     same_count = 0
     for decision in decisions:
         difference = _difference(decision, policy)

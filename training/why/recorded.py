@@ -10,7 +10,7 @@ from applr_ros1.drives.names import names_in
 from applr_ros1.why.black_box.description import TOPIC, described_by
 from applr_ros1.why.limits import REPLAYED, planner_of
 from applr_ros1.why.outside import is_other_planner
-from applr_ros1.why.recorded import CHANNELS, recording_from
+from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 from training.bags.options import BagOptions
@@ -85,7 +85,7 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
     with opened(path) as bag:
         # Topics that are options are not looked for.
         names = names_in(bag.types, options.topics(), options.given_topics())
-        drive = bag.drive(robot, names, CHANNELS)
+        drive = with_planned(bag.drive(robot, names, CHANNELS))
         if not is_other_planner(drive, robot):
             return recording_from(drive, names, bag.types, planner, robot, is_given)
     # Outside the block, whose errors would become others without the drive

@@ -80,7 +80,7 @@ def driven_trials(
         ends_at_tolerance=longest_event.kind != AT_GOAL,
         policy_decides=policy_decides,
     )
-    return try_out(conditions, candidates(replay, guesses, robot), pool)
+    return try_out(conditions, candidates(replay, guesses, robot, policy_decides), pool)
 
 
 def possible_guesses(diagnosis: Diagnosis) -> List[Alternative]:
@@ -92,7 +92,9 @@ def possible_guesses(diagnosis: Diagnosis) -> List[Alternative]:
     return [guess for guess in guesses if undecided(guess.changes, recording.robot)]
 
 
-def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> List[Candidate]:
+def candidates(
+    replay: Replay, guesses: Sequence[Alternative], robot: Robot, policy_decides: bool
+) -> List[Candidate]:
     """Return the candidates that are driven: the replay's first ones, and values of files.
 
     A value that the robot's policy sets is none.
@@ -106,7 +108,7 @@ def candidates(replay: Replay, guesses: Sequence[Alternative], robot: Robot) -> 
     # The replay does not see what values of files would do: unusual ones come before guesses that
     # it ranks low.
     all_candidates = live_candidates[:ROUND] + file_candidates(robot) + live_candidates[ROUND:]
-    if decides(replay.recording):
+    if policy_decides:
         all_candidates = [
             candidate for candidate in all_candidates if undecided(candidate.changes, robot)
         ]

@@ -291,10 +291,11 @@ def names_of(parameters: Dict[str, Any], robot: Robot) -> Tuple[TopicNames, Set[
         "odometry": ("odom_topic", robot.topics.odometry),
         "command": ("cmd_vel_topic", robot.topics.cmd_vel),
         "move_base": ("move_base", "move_base"),
-        "applr": ("applr", "applr"),
-        "monitor": ("monitor", "collision_monitor"),
     }
-    names = {}
+    names = {
+        "applr": rospy.resolve_name("applr"),
+        "monitor": rospy.resolve_name("collision_monitor"),
+    }
     given = set()
     for field_name, (parameter, usual_name) in usual_names.items():
         given_name = str(parameters.get(parameter, FOUND))

@@ -29,7 +29,7 @@ from applr_ros1.why.outside import (
     is_other_planner,
     seen_from_outside,
 )
-from applr_ros1.why.recorded import CHANNELS, recording_from
+from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 
@@ -161,9 +161,7 @@ def _drive(
         received_messages.append(received_message)
     drive = drive_from(received_messages, described_robot.robot)
     drive.name = "stop"
-    if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
-        drive = replace(drive, planned=drive.commands)
-    return drive
+    return with_planned(drive)
 
 
 def _types(messages: Sequence[RawMessage]) -> Dict[str, str]:

@@ -18,13 +18,11 @@ from applr_ros1.why.black_box.answer_process import AnswerProcess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.description import TOPIC, TYPE, DescribedRobot, text_of
 from applr_ros1.why.black_box.folder import StopFolder
-from applr_ros1.why.black_box.ring import JUMP_NS, Ring, RouteFilter
+from applr_ros1.why.black_box.ring import HOLDING, JUMP_NS, Ring, RouteFilter
 from applr_ros1.why.black_box.stops import RobotStop, StopDetector
 
 AFTER_S = 10.0  # time after a stop that its bag has, too [s]
 LEAD_S = 15.0  # time before a stop that its answer looks at [s]
-# Columns whose messages hold until the next one
-HOLDING = ("static_transforms", "changes", "routes", "sent", "verdicts")
 STRING_MD5 = "992ce8a1687cec8c8bd883ec73ca41d1"
 DESCRIPTION = Publication(TOPIC, TYPE, STRING_MD5, "string data\n", "/black_box", True)
 

@@ -11,8 +11,8 @@ from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 
 JUMP_NS = SECOND // 2  # step back of the time of messages from which on the clock was set back [ns]
 MESSAGE_BYTES = 200  # memory that a message takes beside its data: objects of Python [bytes]
-
-
+# Columns whose messages hold until the next one
+HOLDING = ("static_transforms", "changes", "routes", "sent", "verdicts")
 ROUTES_NS = SECOND  # interval between plans of the global planner that are kept [ns]
 # A path without poses is its header alone, whose frame has a short name; a pose has 72 bytes more.
 EMPTY_BYTES = 85

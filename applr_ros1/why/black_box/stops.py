@@ -13,6 +13,7 @@ from applr_ros1.drives.drive import ABORTED, Drive
 from applr_ros1.drives.received import Received
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
+from applr_ros1.why.black_box.ring import HOLDING
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import limits_of, start_values
 
@@ -26,8 +27,6 @@ HELD_S = 3.0  # time for which the collision monitor holds a robot that stops [s
 THINNED_S = 0.1  # interval between the odometry messages that are looked at [s]
 STATUS_S = 1.0  # longest time between two statuses of move_base [s]
 PAUSE_S = 1.0  # time after a stop in which another one belongs to it [s]
-# Columns whose messages hold until the next one
-HOLDING = ("changes", "verdicts")
 GAVE_UP = "gave up its goal"
 HELD = "was held by the collision monitor"
 SAVED = "was asked to save"

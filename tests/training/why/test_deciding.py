@@ -105,7 +105,7 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
     assert possible_guesses(diagnosis) == live[1:]
 
     tried_names = set()
-    for candidate in candidates(recorded, live, JACKAL):
+    for candidate in candidates(recorded, live, JACKAL, decides(recorded.recording)):
         tried_names.update(candidate.names)
     assert {"acc_lim_theta", "obstacle_range"} <= tried_names
     assert not tried_names & {"sim_time", "inflation_radius", "footprint_padding"}
@@ -115,7 +115,7 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
     other_replay = replace(recorded, recording=replace(recorded.recording, drive=undriven))
     assert possible_guesses(SimpleNamespace(replay=other_replay)) == live
     tried_names = set()
-    for candidate in candidates(other_replay, live, JACKAL):
+    for candidate in candidates(other_replay, live, JACKAL, decides(other_replay.recording)):
         tried_names.update(candidate.names)
     assert {"acc_lim_theta", "sim_time", "footprint_padding"} <= tried_names
 

@@ -319,6 +319,22 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, ca
     assert values["events"][0]["reason"].startswith("there was no scan")
 
 
+def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base(
+    spoilt, folder, capsys
+):
+    _, driven = spoilt
+    has_command = int((driven.planned.time < 2.0).sum())
+    silent = replace(
+        driven,
+        planners=["TebLocalPlannerROS"],
+        planned=None,
+        commands=driven.planned.part(slice(0, has_command)),
+        changes=updates((0.0, "TebLocalPlannerROS", {"max_vel_x": 0.5, "max_vel_theta": 1.5})),
+    )
+    _, output, _ = ran(capsys, write(folder / "teb.bag", silent))
+    assert "because move_base sent no command for" in output.splitlines()[0]
+
+
 def box_bag(path, robot, drive, is_known):
     """Write the bag of a black box, and return its path.
 
