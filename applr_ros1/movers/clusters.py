@@ -130,7 +130,8 @@ def find_clusters(ranges: Array32, directions: Array, fans: Any, clusters: Clust
 @kernel
 def _is_hit(scan: Scan, beam: int) -> bool:
     distance = scan.ranges[beam % scan.ranges.shape[0]]
-    return bool(scan.fan.range_min <= distance < scan.fan.range_max)
+    # Lasers whose range_min is 0 report 0 for beams without a return, too.
+    return bool(distance > 0.0 and scan.fan.range_min <= distance < scan.fan.range_max)
 
 
 @kernel

@@ -540,6 +540,7 @@ def test_no_input_makes_a_command_invalid(pose, twist, command, ages):
 
 
 @examples(300)
+@example(numbers=[0.0] * 7, ranges=[0.0] * 3, field=3)  # range_min 0, and no return is 0 m
 @given(
     st.lists(FLOATS, min_size=7, max_size=7),
     st.lists(FLOATS, min_size=3, max_size=12),
