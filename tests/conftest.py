@@ -12,11 +12,11 @@ have ended.
 
 Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m`
 names them. Without `--all`, random comparisons run a part of their cases (tests/support/seeds.py).
-With `--quick`, tests that need ROS or start a process are skipped (tests/support/quick.py). A file
-that imports a package that is not installed (ROS, or torch under Python 3.8) is skipped. A run in
-which no test passed is a failure. The report lists the tests that took the most processor time,
-including the processes that they start. `--faults-table=docs/results/faults.csv` writes the
-measurements of the fault tests into that table.
+With `--quick`, tests marked `heavy` are left out, and those that need ROS or start a process are
+skipped (tests/support/quick.py). A file that imports a package that is not installed (ROS, or torch
+under Python 3.8) is skipped. A run in which no test passed is a failure. The report lists the tests
+that took the most processor time, including the processes that they start.
+`--faults-table=docs/results/faults.csv` writes the measurements of the fault tests into that table.
 """
 
 import collections
@@ -70,7 +70,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--quick",
         action="store_true",
-        help="Only tests that need neither ROS nor another process.",
+        help="Only light tests that need neither ROS nor another process.",
     )
     parser.addoption(
         "--faults-table",
@@ -126,7 +126,7 @@ def pytest_collection_modifyitems(config, items):
     named_marks = config.option.markexpr + " slow" * config.option.all
     left_out_marks = ["slow", "long"]
     if config.option.quick:
-        left_out_marks.append("ros")
+        left_out_marks += ["ros", "heavy"]
     chosen_items = items
     for mark in left_out_marks:
         if mark not in named_marks:

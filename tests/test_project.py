@@ -60,12 +60,18 @@ for name, module in {**COMMANDS, **NODES}.items():
     report(name)
 """
 # Tests of which --quick runs the first
-WITH_AND_WITHOUT_PROCESS = """
+OF_EACH_KIND = """
 import subprocess
 import sys
 
+import pytest
+
 def test_computes():
     assert "rospy" not in sys.modules or sys.modules["rospy"] is None
+
+@pytest.mark.heavy
+def test_computes_long():
+    raise AssertionError("left out")
 
 def test_starts_a_process():
     subprocess.run([sys.executable, "--version"], check=True)
@@ -107,8 +113,8 @@ def test_help_invalid_options_and_workers_import_no_heavy_library():
     assert (finished.returncode, finished.stdout) == (0, ""), finished.stdout + finished.stderr
 
 
-def test_quick_skips_what_needs_ros_or_starts_a_process(tmp_path):
-    (tmp_path / "test_processes.py").write_text(WITH_AND_WITHOUT_PROCESS)
+def test_quick_leaves_out_what_is_heavy_needs_ros_or_starts_a_process(tmp_path):
+    (tmp_path / "test_kinds.py").write_text(OF_EACH_KIND)
     (tmp_path / "test_ros.py").write_text("import rospy\n\ndef test_imports(): pass\n")
     options = ("--quick", "-p", "tests.conftest", "-p", "no:cacheprovider", "--rootdir", tmp_path)
     finished = subprocess.run(

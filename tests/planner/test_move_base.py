@@ -149,6 +149,7 @@ def to_an_enclosed_goal(recovery_rounds):
     return result, recovery_names(cycles).count("conservative_reset")
 
 
+@pytest.mark.heavy
 @pytest.mark.fault("17a")
 def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
     """Each reset recovery clears the maps. Without a limit, as in C++, this repeats."""

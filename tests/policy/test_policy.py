@@ -470,6 +470,7 @@ def test_mirror_images_are_stored_once(tmp_path):
     assert np.array_equal(load(tmp_path / "b").action(observation), changed_action)
 
 
+@pytest.mark.heavy
 def test_the_shipped_policy_has_metadata_and_beats_the_defaults():
     """method:=applr uses the Jackal's file, and drives three test worlds faster than theta_0."""
     method = methods.make("applr")

@@ -18,6 +18,7 @@ from training.evaluate.loaded import loadable_space, move_base_parameters
 from training.evaluate.trial import plan_trials
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_auto_drives_in_two_test_worlds(name):
     """Each robot arrives without a collision."""

@@ -60,6 +60,7 @@ def turning(simulator, v, w, seed):
     )
 
 
+@pytest.mark.heavy
 def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
     """In Gazebo, the ratio is 1.21 to 1.48, larger in faster curves, about a point .129 to .137 m
     ahead.
@@ -75,6 +76,7 @@ def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
         assert mean_turn.centre_ahead == pytest.approx(0.133, abs=0.03)
 
 
+@pytest.mark.heavy
 def test_the_stopping_distance_depends_on_the_wheels_angles_and_odometry_misses_the_slide(
     simulator,
 ):

@@ -189,6 +189,7 @@ def error(simulator, v, w, **options):
     return max(errors)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("name", "robot"),
     [
@@ -202,6 +203,7 @@ def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
         assert error(on_even_ground, v, w, seconds=3.0) < 0.05, (v, w)
 
 
+@pytest.mark.heavy
 def test_speeds_on_uneven_ground_are_the_commanded_ones_on_average(on_plain_ground):
     for v, w in (
         (0.5, 0.0),
@@ -342,6 +344,7 @@ def test_random_commands_enter_no_obstacle(simulator):
 
 
 # -- frames and odometry ---------------------------------------------------------------------------
+@pytest.mark.heavy
 def test_odometry_errs_by_per_cents(simulator):
     errors = []
     for seed in range(5):
@@ -539,6 +542,7 @@ def among_obstacles(simulator, seed):
     return simulator.state.pose, has_touched
 
 
+@pytest.mark.heavy
 def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
     kinematic = sim_bridge.make("kinematic")

@@ -270,6 +270,7 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
 
 
 # -- courses
+@pytest.mark.heavy
 def test_courses_keep_their_distances(plan):
     name, path = plan
     map_worlds = list(worlds.Worlds(path, JACKAL_RADIUS_M))
@@ -353,6 +354,7 @@ def ros2_house(folder, outer_door=False):
     return scenes.write_plan(folder, "house", pixels, free_thresh=0.25)
 
 
+@pytest.mark.heavy
 def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     path = ros2_house(tmp_path)
     assert (map_reader.read_map(path).cells[0] == map_reader.FREE).all()
@@ -383,6 +385,7 @@ def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_pat
     refused(lambda: worlds.load(f"{path}:0", JACKAL_RADIUS_M), *problems)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "size",
     [
@@ -416,6 +419,7 @@ def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size
     refused(lambda: worlds.load(f"{path}:{unknown_number}", JACKAL_RADIUS_M), "no worlds")
 
 
+@pytest.mark.heavy
 def test_paths_are_shortest(tmp_path):
     """In an empty hall, a shortest path has diagonal moves along the shorter side."""
     pixels, _ = scenes.blank(20.0, 6.0)
@@ -551,6 +555,7 @@ def test_six_courses_are_the_fewest_that_can_be_significant():
 
 
 # -- drives
+@pytest.mark.heavy
 @pytest.mark.parametrize("yaw", [0.0, 0.5])
 def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     path = scenes.write_plan(tmp_path, "office", origin=[-5.0, -3.0, yaw])

@@ -241,6 +241,7 @@ def test_a_map_too_small_to_have_an_inside(shape):
 
 
 # -- fence of the flood ----------------------------------------------------------------------------
+@pytest.mark.heavy
 def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
     """The fence (navfn/window.py) changes neither plans nor the potentials inside it, while cells
     of the map change.

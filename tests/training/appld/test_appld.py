@@ -164,6 +164,7 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     assert len(contexts.find([drive], JACKAL, most=0).names) == 3
 
 
+@pytest.mark.heavy
 def test_search_finds_the_speed_of_a_demonstration(bag):
     """Commands that the planner gave with other parameters are matched, exactly if these parameters
     are used.
@@ -224,6 +225,7 @@ def test_the_classifier_distinguishes_scans_and_mirrored_scans(tmp_path, monkeyp
     assert classifier.context(mirrored_narrow) == 1
 
 
+@pytest.mark.heavy
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(appld_fit, "LONGEST", 10)
     monkeypatch.setattr(appld_classifier, "STEPS", 30)

@@ -599,6 +599,7 @@ def write_damaged_chunk(bag_path, whole_bag, compression):
     bag_path.write_bytes(content)
 
 
+@pytest.mark.heavy
 @pytest.mark.fault("18")
 def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, capsys):
     # Given: a folder with a whole bag and ten damaged ones
@@ -906,6 +907,7 @@ def assert_same(rebuilt, expected):
         )
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", 100.0), ("dynamic:406", 9.0)])
 def test_a_recorded_drive_equals_the_environments_transitions(

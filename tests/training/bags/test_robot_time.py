@@ -123,6 +123,7 @@ def bag(bag_path):
     return bag_path
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("rate", [0.5, 3.0])
 def test_a_drive_takes_its_time_however_fast_it_was_played_while_recording(bag, tmp_path, rate):
     played = rewritten(bag, tmp_path / "played.bag", lambda time: DAY_S + time / rate)

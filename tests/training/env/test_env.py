@@ -183,6 +183,7 @@ def test_theta_in_the_observation_is_in_force_in_the_planner(env):
     assert set(info["reward"]) == set(TERMS)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("period", "limit"), [(2.0, 50), (0.5, 200)])
 def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second(period, limit):
     from training.env.env import ApplrEnv

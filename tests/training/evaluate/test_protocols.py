@@ -105,6 +105,7 @@ def test_dynabarn_is_driven(tmp_path):
     assert list(rates(evaluation)) == ["Other"]
 
 
+@pytest.mark.heavy
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
     """Under the paper's rules the trial goes on, and its row records the contact."""
     world_path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))

@@ -85,6 +85,7 @@ def test_barn_metric_by_hand():
     assert metric == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
 
 
+@pytest.mark.heavy
 def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     """Runner and plan are the same. The seeds differ, so that no trial is used for both selection
     and evaluation.
@@ -124,6 +125,7 @@ def random_policy():
     return TD3(SIZE, len(OUTPUTS), options, seed=5).actor_weights()
 
 
+@pytest.mark.heavy
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """The periodic evaluation gives the same result as evaluate.py with the file, to the last
     digit, on any robot.

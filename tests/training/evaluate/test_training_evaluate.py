@@ -342,6 +342,7 @@ def test_a_users_class_with_another_obstacle_range_does_not_continue_an_evaluati
 
 
 # -- the real stack --------------------------------------------------------------------------------
+@pytest.mark.heavy
 def test_trial_depends_on_its_task_only():
     """A trial driven first, or after another world and method, has the same result to the last
     digit.

@@ -333,6 +333,7 @@ def test_the_report_is_complete(folder):
     assert f"{driven_on} Command: evaluate.py" in page_text
 
 
+@pytest.mark.heavy
 @needs_browser
 def test_the_figure_of_the_report_says_by_keyboard_what_each_point_is(folder):
     with opened(Path(write(folder))) as page:
@@ -363,6 +364,7 @@ def test_a_profile_has_the_room_around_each_pose(folder):
     assert len(set(of_applr["regions"])) > 1
 
 
+@pytest.mark.heavy
 @needs_browser
 def test_keys_choose_a_profile_and_move_along_it(folder):
     with opened(Path(write(folder))) as page:

@@ -51,6 +51,7 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
         assert farthest_y == pytest.approx(expected)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("file", "old", "new", "course", "why"),
     [
@@ -106,6 +107,7 @@ def drives(robot, worlds):
     return successes
 
 
+@pytest.mark.heavy
 def test_a_robot_without_faults_drives_all_courses():
     assert drives(BURGER, courses(BURGER)) == [True] * 4
     assert drives(JACKAL, courses(JACKAL)) == [True] * 4
@@ -151,11 +153,13 @@ def scaled_footprint(robot, factor):
     return robot.with_parameters(costmaps, f"{robot.name} with {factor} times its footprint")
 
 
+@pytest.mark.heavy
 def test_a_footprint_twice_as_large_does_not_pass_the_door():
     *_, door_course = courses(JACKAL)
     assert drives(scaled_footprint(JACKAL, 2.0), [door_course]) == [False]
 
 
+@pytest.mark.heavy
 def test_a_door_that_is_too_narrow_is_not_passed(monkeypatch):
     # The course itself must be able to fail: this door is 5 cm narrower than the footprint.
     monkeypatch.setattr(open_floor, "DOOR_MARGIN_M", -0.05)
@@ -191,6 +195,7 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     assert planner_values["max_vel_trans"] == 0.11
 
 
+@pytest.mark.heavy
 def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_the_remedy(capsys):
     """By default, the Husky does not pass a door that is .3 m wider than its footprint."""
     # A remark leaves the check successful: an included robot must pass it.
@@ -203,6 +208,7 @@ def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_the_remed
     )
 
 
+@pytest.mark.heavy
 def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypatch):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
     robot_yaml = folder / "robot.yaml"
@@ -219,6 +225,7 @@ def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypat
     assert "no change of a single planner parameter helps" in error
 
 
+@pytest.mark.heavy
 def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed(monkeypatch):
     """The monitor stops the body, which the planner takes for smaller than it is.
 
@@ -237,6 +244,7 @@ def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed
     assert "wrong" not in error
 
 
+@pytest.mark.heavy
 def test_a_parameter_is_proposed_in_addition_to_a_known_fault_that_explains_only_a_part(
     monkeypatch,
 ):
@@ -253,6 +261,7 @@ def test_a_parameter_is_proposed_in_addition_to_a_known_fault_that_explains_only
     )
 
 
+@pytest.mark.heavy
 def test_a_search_for_a_remedy_is_announced_with_the_course_that_failed(monkeypatch):
     works = []
 
@@ -271,6 +280,7 @@ def test_a_search_for_a_remedy_is_announced_with_the_course_that_failed(monkeypa
     assert works[2].startswith("searching for a remedy, because it does not turn on the spot (")
 
 
+@pytest.mark.heavy
 def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):
     """The correction sets a speed above the range that parameter_space gives it."""
     too_fast = Remark("a fault", {"DWAPlannerROS": {"max_vel_x": 9.0}})

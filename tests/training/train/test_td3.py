@@ -117,6 +117,7 @@ def _sb3_update(model, batch, seed):
     model.train(1, len(batch.reward))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("n", "m", "hidden", "size", "double"),
     [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)],

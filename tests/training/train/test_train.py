@@ -199,6 +199,7 @@ def left_at_each_write(command, folder, copies, monkeypatch):
     return function_names
 
 
+@pytest.mark.heavy
 @pytest.mark.fault("19")
 def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     monkeypatch.setattr("training.train.learner.run.provenance", lambda seed: {})
