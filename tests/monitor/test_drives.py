@@ -123,6 +123,7 @@ def alternating(period):
     return in_turn(period, (2.0, 4.0), (-2.0, -4.0), (2.0, -4.0), (2.0, 0.0))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("commands", "late", "seeds"),
     [
@@ -149,6 +150,7 @@ def test_no_command_sequence_hits_a_wall(commands, late, seeds):
     assert min(driven.fastest for driven in drives) > 0.6
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("beams", [60, 90])
 def test_a_leg_between_the_beams_of_a_coarse_laser_is_not_hit(beams):
     """A leg of 2 cm straight ahead stays between two beams on the whole straight drive."""

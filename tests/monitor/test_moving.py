@@ -200,6 +200,7 @@ SCENES = (
 )
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("robot_name", ROBOTS)
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_base_rests_before_it_is_touched(scene, robot_name):
@@ -257,6 +258,7 @@ def test_what_stands_moves_only_in_the_odometrys_frame_while_the_wheels_slip():
     assert movers == 0
 
 
+@pytest.mark.heavy
 def test_with_mover_speed_the_base_is_slow_enough_for_what_comes_out_of_a_door():
     """A wall beside the way hides what comes, until it is in the door."""
     walls = np.array([[-1.0, 0.75, 0.0, 5.0, 0.1], [5.0, 0.75, 0.0, 5.0, 0.1]])

@@ -85,6 +85,7 @@ def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
     assert replay.planner.run(cycle) != without_flags
 
 
+@pytest.mark.heavy
 def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     """Four of five scans and odometry messages are missing."""
     robot, driven = spoilt
@@ -260,6 +261,7 @@ def test_a_map_is_updated_from_any_other_as_if_it_had_been_shown_all_the_time(sp
         assert np.array_equal(cells, cells_again)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("robot", [JACKAL, WAFFLE], ids=lambda robot: robot.name)
 def test_what_the_planner_said_is_the_same_in_any_order(robot):
     # Given: cycles from the begin to the turn at the goal, with parameters that change on the way

@@ -130,6 +130,7 @@ def drifting(motion):
 
 
 # -- plans -----------------------------------------------------------------------------------------
+@pytest.mark.heavy
 def test_the_plan_comes_from_the_global_planner_where_the_local_planners_is_missing(
     driven, tmp_path
 ):
@@ -141,6 +142,7 @@ def test_the_plan_comes_from_the_global_planner_where_the_local_planners_is_miss
     assert np.allclose(with_both.plans.path[5], driven.plans.path[5])
 
 
+@pytest.mark.heavy
 def test_of_navfns_two_plans_of_one_stamp_the_second_is_followed(driven, tmp_path):
     """Navfn publishes each plan without the goal's pose first."""
     published_paths = []
@@ -155,6 +157,7 @@ def test_of_navfns_two_plans_of_one_stamp_the_second_is_followed(driven, tmp_pat
     assert np.allclose(read_back_drive.routes.path[3], driven.routes.path[3])
 
 
+@pytest.mark.heavy
 def test_a_plan_that_came_during_a_cycle_may_be_too_late_for_it(driven, tmp_path):
     """Each plan comes 5 ms before the command of the cycle before its own."""
     # Cycles are 50 ms apart, and the 5 ms are within the time that a cycle may take.
@@ -507,6 +510,7 @@ def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path):
 
 
 # -- poses -----------------------------------------------------------------------------------------
+@pytest.mark.heavy
 def test_the_pose_is_tfs_and_the_velocity_the_topics(driven, tmp_path):
     drive = replace(driven, odometry=drifting(driven.odometry), transforms=None)
     without_tf = through_a_bag(tmp_path / "a.bag", drive)
@@ -521,6 +525,7 @@ def test_the_pose_is_tfs_and_the_velocity_the_topics(driven, tmp_path):
     assert note.startswith("the odometry topic is not what tf shows: up to 0.")
 
 
+@pytest.mark.heavy
 def test_tf_that_equals_the_topic_changes_nothing(driven, tmp_path):
     without_tf = through_a_bag(tmp_path / "a.bag", driven)
     drive = replace(driven, transforms=robots_links(driven.odometry))

@@ -104,6 +104,7 @@ def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
     assert read_back.origin == pytest.approx(grid.origin)
 
 
+@pytest.mark.heavy
 def test_a_robot_can_drive_in_a_written_map(door, tmp_path):
     """Without an edge, all free cells would be outside of the building."""
     drive, _ = door
@@ -241,6 +242,7 @@ def course(door):
     return DriveConditions(robot, world, has_monitor=False, limit=25.0)
 
 
+@pytest.mark.heavy
 def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(course, monkeypatch):
     # One seed each instead of several: these drives are simulated.
     monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
@@ -561,6 +563,7 @@ def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_abo
         assert remedies.driven_trials(with_part, [], pool) is None
 
 
+@pytest.mark.heavy
 def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     replayed, monkeypatch
 ):

@@ -71,6 +71,7 @@ def lethal_cells(cycle):
     return np.count_nonzero(cells == LETHAL)
 
 
+@pytest.mark.heavy
 def test_costmaps_are_cleared_where_a_decision_says_so(tmp_path):
     driven, _ = simulated(JACKAL, "generated:40", limit=8, clearings=[2, 7])
     bag_path = write(tmp_path / "cleared.bag", driven)
@@ -125,6 +126,7 @@ def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     assert "unknown" not in replay.settings[PLANNER]
 
 
+@pytest.mark.heavy
 def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisions(tmp_path):
     """One parameter of a policy limits turns to both sides: min_vel_theta has the opposite sign."""
     turns_slowly = {"max_vel_theta": 0.8, "min_vel_theta": -0.8}
@@ -192,6 +194,7 @@ def test_scans_of_another_laser_are_refused(bag):
         read_back(bag, replace(JACKAL, laser=other_laser))
 
 
+@pytest.mark.heavy
 def test_a_drive_with_the_range_of_the_robots_set_is_reproduced_with_this_range(tmp_path):
     # Given: a robot with a set for 1 m, and drives with this range and with that of its files
     folder = shutil.copytree(JACKAL.folder, tmp_path / "mine")
@@ -254,6 +257,7 @@ def test_keys_choose_an_event_a_moment_and_the_paths_on_the_page(bag, folder, ca
         assert page.get_by_role("img", name="command").count()
 
 
+@pytest.mark.heavy
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
     update = updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4}))
     other_drive = replace(until(sound.drive, 2.0), changes=update)
@@ -294,6 +298,7 @@ def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, 
     assert len(errors.splitlines()) == 1
 
 
+@pytest.mark.heavy
 def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, capsys):
     _, driven = spoilt
     has_scan = int((driven.scans.time < 2.0).sum())
@@ -319,6 +324,7 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, ca
     assert values["events"][0]["reason"].startswith("there was no scan")
 
 
+@pytest.mark.heavy
 def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base(
     spoilt, folder, capsys
 ):
@@ -351,6 +357,7 @@ def box_bag(path, robot, drive, is_known):
     return path
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("is_known", [True, False])
 def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, capsys, is_known):
     # Its parameters are those of no folder.

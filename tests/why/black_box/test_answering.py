@@ -43,6 +43,7 @@ def answers(path, robot, drive, stop=None, described=None):
     return list(answers_of([description, *messages], stop, deserialize))
 
 
+@pytest.mark.heavy
 def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     robot, drive = spoilt
     first_answer, reason, answer = answers(tmp_path / "drive.bag", robot, drive)
@@ -64,6 +65,7 @@ def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     assert answer.values()["sentence"] == words
 
 
+@pytest.mark.heavy
 def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path):
     robot, drive = spoilt
     has_scan = drive.scans.time < 4.0
@@ -79,6 +81,7 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
     assert first_answer.reason == "the collision monitor intervenes 92 % of the time: a wall"
 
 
+@pytest.mark.heavy
 def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
     robot, drive = spoilt
     tree = robot.parameters()
@@ -104,6 +107,7 @@ def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
     assert answer.kind == "crept"
 
 
+@pytest.mark.heavy
 def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     robot, drive = spoilt
     no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
@@ -114,6 +118,7 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     assert (answer.x, answer.y) == (0.5, 0.25)
 
 
+@pytest.mark.heavy
 def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path):
     robot, drive = spoilt
     stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))

@@ -38,6 +38,7 @@ def test_a_stop_is_a_bag_in_a_folder_that_is_made(folder):
     assert folder.save("2026-11-29_10-00-00", MESSAGES).name == "stop_2026-11-29_10-00-00_2.bag"
 
 
+@pytest.mark.heavy
 def test_the_oldest_bags_go_and_other_files_stay(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda file: None)
     folder = StopFolder(tmp_path, 2 * GB, 500)
