@@ -154,9 +154,9 @@ def scaled_footprint(robot, factor):
 
 
 @pytest.mark.heavy
-def test_a_footprint_twice_as_large_does_not_pass_the_door():
-    *_, door_course = courses(JACKAL)
-    assert drives(scaled_footprint(JACKAL, 2.0), [door_course]) == [False]
+def test_a_footprint_three_times_as_large_does_not_pass_the_door():
+    *_, door_course = courses(BURGER)
+    assert drives(scaled_footprint(BURGER, 3.0), [door_course]) == [False]
 
 
 @pytest.mark.heavy
