@@ -182,7 +182,9 @@ def classes_of(node):
     if isinstance(node, ast.ClassDef):
         return [node.name]
     if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Call):
-        return re.findall(r"^_?[A-Z]\w*[a-z]\w*$", ast.unparse(node.targets[0]))
+        target = node.targets[0]
+        if isinstance(target, ast.Name):
+            return re.findall(r"^_?[A-Z]\w*[a-z]\w*$", target.id)
     return []
 
 
