@@ -36,6 +36,7 @@ IN_ROBOT_YAML = [
     ("wheel_radius:", "wheel_raduis:", "base: wheel_raduis is unknown: did you mean wheel_radius"),
     ("laser:\n", "lasre:\n", "^lasre is unknown: did you mean laser"),
     ("  beams: 720\n", "", "laser.beams is missing: give it"),
+    ("frames: {base: base_link, odom: odom}", "frames:", "frames.base is missing: give it"),
     ("  beams: 720\n", "  beams: 1\n", "laser.beams is 1: give at least 2$"),
     ("  beams: 720\n", "  beams: many\n", "laser.beams is 'many': give a whole number$"),
     ("wheel_radius: 0.098", "wheel_radius: round", "wheel_radius is 'round': give a number$"),
