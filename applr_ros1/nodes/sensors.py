@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import rospy
 from nav_msgs.msg import Odometry
@@ -172,6 +172,20 @@ class Sensors:
     def publisher_of(self, topic: str, frame: str) -> str:
         """Return the name of the node that has published scans of `frame` on a source's topic."""
         return self._topics[topic].publishers[frame]
+
+    def silent_topics(self, besides: str) -> List[str]:
+        """Return the full names of the topics on which no message has arrived yet.
+
+        Args:
+            besides: Source that is left out.
+        """
+        topic_names = []
+        for topic_name, topic in self._topics.items():
+            if topic_name != besides and topic.stamp.is_zero():
+                topic_names.append(topic.name)
+        if self._odometry_time.is_zero():
+            topic_names.append(rospy.resolve_name(self._odometry))
+        return topic_names
 
     def clear_errors(self) -> None:
         """Clear the source errors."""

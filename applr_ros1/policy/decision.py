@@ -1,4 +1,4 @@
-"""Decisions on planner parameters: their inputs, their period, and the interface of methods."""
+"""Interface of a method: the class Method, and the Context that it gets for each decision."""
 
 from __future__ import annotations
 

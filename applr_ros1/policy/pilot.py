@@ -1,7 +1,9 @@
-"""The pilot: which parameters the planner drives with, decided once per decision period.
+"""The Pilot makes every decision: it asks the method, or a rule that decides in its place.
 
-The applr node, simulated trials and the learning environment all ask a Pilot. A period without a
-decision, such as one in which the method raised an error, is reported with `miss`.
+The applr node, simulated trials and the learning environment all ask a Pilot once per decision
+period. Anyone else who is to decide, such as a person every few seconds, belongs here, beside the
+stall rule. A period without a decision, such as one in which the method raised an error, is
+reported with `miss`.
 
 The Pilot alone clips parameters, and it owns the speed limit of all that are chosen. Others may set
 parameters beside it: the last guard is at the base, where the move_base node slows each command

@@ -1,6 +1,7 @@
-"""The supervisor of a pilot: when it is asked, and what the planner has otherwise.
+"""Supervisor of the Pilot on the robot: it says when a decision is due, and never makes one.
 
 The applr node brings goals and inputs to the supervisor, and requests the choices that it returns.
+Between goals, and while the method is off, the planner has parameters that need no decision.
 All times are those of the node's clock [s].
 """
 

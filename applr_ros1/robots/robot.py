@@ -493,11 +493,25 @@ class RobotFile(Section):
     world_scale: float = real("", 0.05, 20.0, "size of the robot's worlds relative to the Jackal's")
     parameter_space: Optional[Dict[ParameterName, SpaceParameter]] = None
 
+    @classmethod
+    def _is_section(cls, name: str) -> bool:
+        """Return whether the entry of this name holds a section."""
+        entry = cls.model_fields.get(name)
+        kind = None if entry is None else entry.annotation
+        return isinstance(kind, type) and issubclass(kind, Section)
+
     @model_validator(mode="before")
     @classmethod
     def _named(cls, content: Any) -> Any:
-        """Remove empty sections, and name parameters of the space and targets by their keys."""
-        content = {name: value for name, value in content.items() if value is not None}
+        """Empty what has no value, and name parameters of the space and targets by their keys."""
+        filled: Dict[str, Any] = {}
+        for name, value in content.items():
+            if value is not None:
+                filled[name] = value
+            elif cls._is_section(name):
+                # Each field that a section without values lacks is then reported by its name.
+                filled[name] = {}
+        content = filled
         space = content.get("parameter_space", {})
         parameters = space.items() if isinstance(space, dict) else ()
         for name, parameter in parameters:

@@ -1,1 +1,1 @@
-"""Why a robot stopped, as far as it can say so itself: events, reasons, replay and guesses."""
+"""Why a robot stopped, as the robot alone can say: events, reasons, replay and guesses."""

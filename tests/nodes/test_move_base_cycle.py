@@ -12,8 +12,10 @@ import rospy
 
 from applr_ros1.monitor.monitor import Verdict
 from applr_ros1.nodes.monitor.node import CollisionMonitorNode
+from applr_ros1.nodes.move_base import node as node_module
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.node import MoveBaseNode
+from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.state_machine import Cycle
 from tests.support.nodes import values_of
 
@@ -113,6 +115,52 @@ def test_diagnostics_count_the_skipped_cycles_since_the_start():
         status = node._diagnostics.publish.mock_calls[2].args[0].status[0]
         reports.append((status.level, int(values_of(status)["skipped_cycles"])))
     assert reports == [(0, 0), (1, 26), (0, 26), (1, 29)]
+
+
+@pytest.mark.parametrize(
+    ("silent_topics", "pose", "expected"),
+    [
+        ([], (1.0, 2.0, 0.5), []),
+        (["/scan", "/odom"], (1.0, 2.0, 0.5), ["no message has arrived on /scan, /odom"]),
+        ([], None, ["odom is unknown to tf"]),
+    ],
+)
+def test_missing_inputs_are_warned_of_once_some_seconds_after_the_start(
+    silent_topics, pose, expected, monkeypatch
+):
+    warnings = []
+    clock = [100.0]
+    monkeypatch.setattr(node_module.rospy, "logwarn", lambda _, problem: warnings.append(problem))
+    monkeypatch.setattr(node_module.time, "monotonic", lambda: clock[0])
+    node = MagicMock(_missing_from=105.0, _pose=pose)
+    node.sensors.silent_topics.return_value = silent_topics
+    node.sensors.pose_trouble = "odom is unknown to tf"
+    MoveBaseNode._warn_of_missing_inputs(node)
+    assert warnings == []
+    for seconds in (105.0, 106.0):
+        clock[0] = seconds
+        MoveBaseNode._warn_of_missing_inputs(node)
+    assert warnings == expected
+
+
+@pytest.mark.parametrize(
+    ("goal", "pose", "is_warned_of"),
+    [
+        ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
+        ((6.0, 0.0, 0.0), (0.0, 0.0, 0.0), True),
+        ((6.0, 0.0, 0.0), None, False),
+    ],
+    ids=["on the map", "off the map", "map not placed yet"],
+)
+def test_a_goal_off_the_global_costmap_is_warned_of(goal, pose, is_warned_of, monkeypatch):
+    warnings = []
+    monkeypatch.setattr(node_module.rospy, "logwarn", lambda _, *values: warnings.append(values))
+    node = MagicMock(_pose=pose)
+    # A rolling costmap of 10 x 10 m around the robot
+    node.move_base.global_costmap = Costmap(10.0, 10.0, 0.1, (-5.0, -5.0), rolling=True)
+    MoveBaseNode._warn_of_goal_off_map(node, goal)
+    expected = [("10 x 10 m", "send a nearer goal, or enlarge the costmap")]
+    assert warnings == (expected if is_warned_of else [])
 
 
 @pytest.mark.parametrize("problem", ["", "the odometry's velocity is 0"])

@@ -100,6 +100,15 @@ def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
     assert "0.55 s old" in robot.sensors.pose_trouble
 
 
+def test_topics_are_silent_until_their_first_message(robot):
+    assert robot.sensors.silent_topics(besides="") == ["/scan", "/odom"]
+    assert robot.sensors.silent_topics(besides="scan") == ["/odom"]
+    robot.scan(100.0)
+    assert robot.sensors.silent_topics(besides="") == ["/odom"]
+    robot.odometry(100.0)
+    assert robot.sensors.silent_topics(besides="") == []
+
+
 @pytest.mark.parametrize("ahead", [9.0, 11.0, 1000.0])
 def test_a_transform_stamped_far_ahead_keeps_no_scan_and_no_pose_out(robot, ahead, capfd):
     """tf's own buffer would refuse every transform that is 20 s older than the latest one."""

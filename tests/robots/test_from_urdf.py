@@ -300,6 +300,7 @@ def test_a_dump_of_roslaunch_is_one_parameter_file(make):
     written = make(CART, files={"dump.yaml": dump}, places=["dump.yaml"])
 
     assert written.status == 0, written.output
+    assert "1 parameter file\n" in written.output
     assert "left_joint, right_joint, according to the controller's file" in written.output
     assert written.values["move_base"]["files"] == [{"file": "dump.yaml"}]
     assert written.values["frames"]["odom"] == "odom_comb"

@@ -40,6 +40,7 @@ IN_ROBOT_YAML = [
     ("wheel_radius:", "wheel_raduis:"),
     ("laser:\n", "lasre:\n"),
     ("  beams: 720\n", ""),
+    ("frames: {base: base_link, odom: odom}", "frames:"),
     ("  beams: 720\n", "  beams: 1\n"),
     ("  beams: 720\n", "  beams: many\n"),
     ("wheel_radius: 0.098", "wheel_radius: round"),

@@ -96,7 +96,9 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         write_bytes(copy, content)
     write_bytes(file, text.encode())
 
-    lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
+    file_count = len(options.parameters)
+    files = "1 parameter file" if file_count == 1 else f"{file_count} parameter files"
+    lines = [f"wrote {file} from {options.urdf} and {files}"]
     for note in described.notes + parameters.notes + notes:
         lines.append(f"remark: {note}")
     if missing:

@@ -1,1 +1,1 @@
-"""Why a robot stopped (./applr why): replay of a recorded drive, its events, and remedies."""
+"""What a desk adds to applr_ros1/why (./applr why): drives in the world seen, remedies, pages."""

@@ -45,7 +45,7 @@ from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.parameters.check import check, remarks
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
-from applr_ros1.planner.parameters.layers import COSTMAPS
+from applr_ros1.planner.parameters.layers import COSTMAPS, PREDICTED
 from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
@@ -58,6 +58,7 @@ from .heartbeat_watchdog import HeartbeatWatchdog, start_up_settings
 from .reconfigure_server import ReconfigureServer
 
 WENT_BACK = "Aborting because the clock jumped back."
+MISSING_S = 5.0  # wall time after the start from which inputs that never arrived are missing [s]
 
 
 class MoveBaseNode:
@@ -99,6 +100,8 @@ class MoveBaseNode:
         )
         self._skipped_cycles = 0  # number of cycles skipped since the start
         self._report_from = 0.0  # time.monotonic() from which the next report is due
+        # time.monotonic() from which missing inputs are warned of, once
+        self._missing_from = time.monotonic() + MISSING_S
         # Samples refused by each critic in the first blocked cycle since the last report
         self._refusals: Dict[str, int] = {}
         self._max_speed = parameters["applr"]["max_speed"] or math.inf
@@ -171,7 +174,8 @@ class MoveBaseNode:
             self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
             outcome, result_text = cycle.result
-            rospy.loginfo("goal %s%s", outcome, f": {result_text}" if result_text else "")
+            reason = f": {result_text}" if result_text else ""
+            rospy.loginfo("move_base: goal %s%s", outcome, reason)
             self._finish(outcome, result_text)
         if self.goals.is_active():
             self._report_standstill(robot_pose, cycle)
@@ -215,6 +219,7 @@ class MoveBaseNode:
             try:
                 goal_pose = self._checked_goal(requested_goal)
                 self.move_base.set_goal(goal_pose, now)
+                self._warn_of_goal_off_map(goal_pose)
                 self._current_goal.publish(conversions.pose_stamped(goal_pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
@@ -237,6 +242,17 @@ class MoveBaseNode:
             problem = f"its position {goal_pose[:2]} is not finite"
             raise MessageError(f"Aborting on goal because {problem}")
         return goal_pose
+
+    def _warn_of_goal_off_map(self, goal_pose: Pose) -> None:
+        """Warn of a goal off the global costmap, as in navfn_ros.cpp: no plan can lead there."""
+        costmap = self.move_base.global_costmap
+        # Without a pose, a costmap that rolls has not been placed yet.
+        if self._pose is None or costmap.world_to_map(*goal_pose[:2]) != (-1, -1):
+            return
+        columns, rows = costmap.size
+        map_size = f"{columns * costmap.resolution:g} x {rows * costmap.resolution:g} m"
+        remedy = "send a nearer goal, or enlarge the costmap"
+        rospy.logwarn("move_base: the goal is off the global costmap of %s: %s", map_size, remedy)
 
     def _finish(self, outcome: str, text: str) -> None:
         """End the current goal, if there is one, as "succeeded", "aborted" or "preempted"."""
@@ -272,6 +288,24 @@ class MoveBaseNode:
             stamped_pose = conversions.pose_stamped(self._pose, self.frame, rospy.Time.now())
             self._recovery.publish(RecoveryStatus(stamped_pose, index, recovery_count, recovery))
 
+    def _warn_of_missing_inputs(self) -> None:
+        """Warn once, MISSING_S after the start, of what the robot lacks to drive to a goal.
+
+        Drivers that are down, and topics of other names, would show only at the first goal.
+        """
+        if time.monotonic() < self._missing_from:
+            return
+        self._missing_from = math.inf
+        problems = []
+        # The node movers makes this topic of the scans.
+        topic_names = self.sensors.silent_topics(besides=PREDICTED)
+        if topic_names:
+            problems.append(f"no message has arrived on {', '.join(topic_names)}")
+        if self._pose is None:
+            problems.append(self.sensors.pose_trouble)
+        if problems:
+            rospy.logwarn("move_base: goals would not be driven to: %s", "; ".join(problems))
+
     def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
         """Publish what a cycle has changed, for displays.
 
@@ -300,6 +334,7 @@ class MoveBaseNode:
         if time.monotonic() <= self._report_from:
             return
         self._report_from = time.monotonic() + 1.0
+        self._warn_of_missing_inputs()
         skipped_level = DiagnosticStatus.OK
         skipped_text = ""
         if self.loop.missed:
@@ -485,7 +520,7 @@ def main() -> int:
         logging.getLogger(logger_name).addFilter(_is_not_of_footprint)
     for remark in remarks(tree):
         rospy.logwarn("parameter %s", remark)
-    activity = "compiling the planner's kernels (a minute or two, the first time on this machine)"
+    activity = "loading the planner's kernels (a minute or two if they have to be compiled)"
     with announced(activity, rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     # Other programs, such as rqt and the applr node, read the parameters of the robot's files here.

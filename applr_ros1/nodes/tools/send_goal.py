@@ -41,7 +41,7 @@ def main() -> None:
     init_node("send_goal")
     goal_words = str(rospy.get_param("~goal", "auto"))
     if goal_words == "none":
-        rospy.loginfo("goal is none: nothing is sent")
+        rospy.loginfo("send_goal: goal is none: nothing is sent")
         return
     robot = load(str(rospy.get_param("~robot", "jackal")))
     odom_frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
@@ -63,9 +63,10 @@ def main() -> None:
             time.sleep(0.1)
     if rospy.is_shutdown():
         return
-    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *goal_pose, odom_frame)
+    rospy.loginfo("send_goal: goal %.2f m, %.2f m, %.2f rad in %s", *goal_pose, odom_frame)
     # Stamp 0 means the latest transform: a stamp of now would lie ahead of tf.
     client.send_goal(MoveBaseGoal(pose_stamped(goal_pose, odom_frame, rospy.Time(0))))
     client.wait_for_result()
     if not rospy.is_shutdown():
-        rospy.loginfo("goal %s: %s", GOAL_STATES[client.get_state()], client.get_goal_status_text())
+        state = GOAL_STATES[client.get_state()]
+        rospy.loginfo("send_goal: goal %s: %s", state, client.get_goal_status_text())
