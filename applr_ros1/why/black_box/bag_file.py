@@ -8,7 +8,17 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
-from typing import BinaryIO, DefaultDict, Dict, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import (
+    BinaryIO,
+    DefaultDict,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    NamedTuple,
+    Sequence,
+    Tuple,
+)
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import SECOND
@@ -58,7 +68,7 @@ class RawMessage(NamedTuple):
 
 
 # -- writing ---------------------------------------------------------------------------------------
-def write_messages(file: BinaryIO, messages: Sequence[RawMessage]) -> None:
+def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
     """Write messages in order of time as a bag to a seekable file at its begin."""
     connections: Dict[Publication, int] = {}
     chunk_infos: List[bytes] = []

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Optional
+from itertools import chain
+from typing import Any, Callable, Dict, Iterator, List, Optional
 
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.drives.columns import SECOND
@@ -39,7 +40,7 @@ class PendingBag:
 
     stop: RobotStop
     moment: str
-    messages: Optional[List[RawMessage]] = None
+    messages: Optional[Iterator[RawMessage]] = None
 
 
 @dataclass
@@ -185,7 +186,7 @@ class BlackBox:
         output.lines.append(f"the robot {stop.kind} at ({stop.place[0]:.2f}, {stop.place[1]:.2f})")
         begin = round((stop.begin - LEAD_S) * SECOND)
         try:
-            is_dropped = self._process.ask(stop, self._messages(begin))
+            is_dropped = self._process.ask(stop, list(self._messages(begin)))
         except OSError as problem:
             output.problems.append(f"no answer: the process cannot start ({reason(problem)})")
             return
@@ -197,10 +198,11 @@ class BlackBox:
         messages = bag.messages
         if messages is None:
             messages = self._messages()
+        first_message = next(messages, None)
         try:
-            if not messages:
+            if first_message is None:
                 raise ApplrError("no message came: start what publishes scans and odometry")
-            path = self._folder.save(bag.moment, messages)
+            path = self._folder.save(bag.moment, chain([first_message], messages))
         except ApplrError as problem:
             self.lost_count += 1
             self.problem = f"the stop of {bag.moment} is lost: {problem}"
@@ -209,11 +211,18 @@ class BlackBox:
         self.problem = ""
         output.lines.append(f"wrote {path}")
 
-    def _messages(self, begin: int = 0) -> List[RawMessage]:
+    def _messages(self, begin: int = 0) -> Iterator[RawMessage]:
         """Return the messages since `begin` [ns], the description of the robot first."""
-        messages = self._ring.messages(begin)
-        if not messages:
-            return []
-        data = self._text.encode()
-        serialised = len(data).to_bytes(4, "little") + data
-        return [RawMessage(messages[0].time, DESCRIPTION, serialised), *messages]
+        return _described(self._text, self._ring.messages(begin))
+
+
+def _described(text: str, messages: Iterator[RawMessage]) -> Iterator[RawMessage]:
+    """Yield the description of the robot, then the messages; nothing if there are none."""
+    first_message = next(messages, None)
+    if first_message is None:
+        return
+    data = text.encode()
+    serialised = len(data).to_bytes(4, "little") + data
+    yield RawMessage(first_message.time, DESCRIPTION, serialised)
+    yield first_message
+    yield from messages

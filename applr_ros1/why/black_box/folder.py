@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import List, Sequence
+from typing import Iterable, List
 
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.common.files import PARTIAL, written_whole
@@ -30,7 +30,7 @@ class StopFolder:
         self._most_bytes = most_bytes
         self._most_stops = most_stops
 
-    def save(self, moment: str, messages: Sequence[RawMessage]) -> Path:
+    def save(self, moment: str, messages: Iterable[RawMessage]) -> Path:
         """Write the bag stop_MOMENT.bag, remove the oldest ones, and return its path.
 
         Raises:

@@ -33,7 +33,7 @@ class Folder:
     def save(self, moment, messages):
         if self.is_full:
             raise ApplrError("the disk is full")
-        self.saved[moment] = messages
+        self.saved[moment] = list(messages)
         return f"stop_{moment}.bag"
 
 

@@ -1,8 +1,11 @@
 """Tests of the memory of the last minutes."""
 
+import numpy as np
+import pytest
+
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.ring import MESSAGE_BYTES, Ring, RouteFilter
+from applr_ros1.why.black_box.ring import BLOCK_BYTES, MESSAGE_BYTES, Ring, RouteFilter
 
 SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
 PLAN = Publication("/plan", "nav_msgs/Path", "")
@@ -20,9 +23,9 @@ def test_the_last_seconds_are_kept():
     for sent in messages:
         ring.add(sent)
     # The last one came at 20 s.
-    assert ring.messages() == messages[20:]
+    assert list(ring.messages()) == messages[20:]
     assert ring.seconds == 10.0
-    assert ring.messages(begin=19 * SECOND) == messages[38:]
+    assert list(ring.messages(begin=19 * SECOND)) == messages[38:]
 
 
 def test_memory_is_bounded_and_the_oldest_leave_first():
@@ -31,14 +34,14 @@ def test_memory_is_bounded_and_the_oldest_leave_first():
     messages = [message(step, data=b"x" * 1000) for step in range(20)]
     for sent in messages:
         ring.add(sent)
-    assert ring.messages() == messages[-5:]
+    assert list(ring.messages()) == messages[-5:]
     assert ring.byte_count == 5 * size
     # A message that is larger than all memory leaves nothing.
     ring.add(message(21.0, data=b"x" * 10_000))
-    assert ring.messages() == []
+    assert not list(ring.messages())
     assert ring.byte_count == 0
     ring.add(messages[-1])
-    assert ring.messages() == [messages[-1]]
+    assert list(ring.messages()) == [messages[-1]]
 
 
 def test_what_holds_until_the_next_message_stands_at_the_begin():
@@ -91,8 +94,63 @@ def test_a_clock_that_jumps_back_empties_it_except_for_what_holds():
     ring.add(message(100.5, PLAN, b"plan"), holds=True)
     # Threads may deliver messages in another order than they came.
     ring.add(message(100.4))
-    assert len(ring.messages()) == 3
+    assert len(list(ring.messages())) == 3
     ring.add(message(3.0))
     plan, scan = ring.messages()
     assert (plan.data, plan.time) == (b"plan", 3 * SECOND)
     assert scan.time == 3 * SECOND
+
+
+def test_messages_in_blocks_come_back_as_they_came():
+    ring = Ring(60.0, 10**8)
+    rng = np.random.default_rng(0)
+    sent = []
+    for step in range(600):
+        publication = (SCAN, PLAN, OTHER_PLAN)[step % 3]
+        entry = message(0.1 * step, publication, rng.bytes(int(rng.integers(0, 6000))))
+        ring.add(entry, holds=publication != SCAN)
+        sent.append(entry)
+    assert sum(len(entry.data) for entry in sent) > 4 * BLOCK_BYTES
+    assert list(ring.messages()) == sent
+    assert ring.seconds == pytest.approx(59.9)
+
+    # What holds at a begin is found in blocks that lie before it, too.
+    plan, other_plan, *later_messages = ring.messages(begin=55 * SECOND)
+    assert later_messages == sent[550:]
+    assert {plan.data, other_plan.data} == {sent[548].data, sent[547].data}
+    assert plan.time == other_plan.time == 55 * SECOND
+
+    # Blocks leave as a whole. What is older than the ring's time is not shown.
+    for step in range(600, 1000):
+        entry = message(0.1 * step, SCAN, rng.bytes(6000))
+        ring.add(entry)
+        sent.append(entry)
+    later_messages = list(ring.messages())
+    assert {entry.data for entry in later_messages[:2]} == {sent[397].data, sent[398].data}
+    assert later_messages[2:] == sent[399:]
+    assert ring.seconds == 60.0
+
+
+def test_what_was_asked_for_stays_while_the_ring_goes_on():
+    ring = Ring(10.0, 10**8)
+    sent = [message(0.1 * step, data=bytes(5000)) for step in range(100)]
+    for entry in sent:
+        ring.add(entry)
+    asked_messages = ring.messages()
+    ring.add(message(1000.0))
+    assert list(asked_messages) == sent
+
+
+def test_messages_that_repeat_take_a_fraction_of_their_size():
+    ring = Ring(600.0, 10**8)
+    plan = np.random.default_rng(0).bytes(10_000)
+    for step in range(1000):
+        ring.add(message(step, PLAN, step.to_bytes(4, "little") + plan))
+    assert ring.byte_count < 0.1 * 1000 * 10_000
+
+    small_ring = Ring(600.0, 100_000)
+    for step in range(1000):
+        small_ring.add(message(step, PLAN, step.to_bytes(4, "little") + plan))
+    kept_messages = list(small_ring.messages())
+    assert small_ring.byte_count <= 100_000
+    assert kept_messages[-1].time == 999 * SECOND
