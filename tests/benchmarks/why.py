@@ -37,6 +37,7 @@ from tests.support.drives import simulated
 from training.why import __main__ as why
 from training.why.answer import Answer, lines_of, undriven_guess
 from training.why.candidates import Candidate, file_candidates, with_changes
+from training.why.recorded import recording_of
 from training.why.remedies import driven_trials
 from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
@@ -426,7 +427,7 @@ def reproduced(path: str) -> None:
     began = process_time()
     planner = RerunPlanner(JACKAL)
     options = why.WhyOptions(bag=[path], robot=JACKAL)
-    replay = replay_of(why.recording_of(Path(path), options, planner), planner)
+    replay = replay_of(recording_of(Path(path), options, planner), planner)
     close_share = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
     processor_time = process_time() - began
     print(

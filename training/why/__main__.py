@@ -10,23 +10,20 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import List, Optional
 
 from tqdm import tqdm
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.policy import methods
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.outside import seen_from_outside
-from applr_ros1.why.replay import Replay, Watch, replay_of
-from applr_ros1.why.rerun import RerunPlanner
+from applr_ros1.why.replay import Replay, Watch
 from training.common.command_line import parsed
 from training.common.options import argument, option
 
@@ -37,10 +34,10 @@ with extra(__name__):
     from training.why.recorded import (
         OtherPlannerError,
         RecordedOptions,
-        recording_of,
         with_description,
     )
     from training.why.remedies import driven_trials, possible_guesses
+    from training.why.replayed import check_cycles, replay_in
     from training.why.seen_world import seen_grid, write_map
     from training.why.values import outside_values, values_of
     from training.workers.pool import Pool
@@ -54,7 +51,6 @@ DRIVEN = (
     "the world that the laser saw: a change is advised only if it is a tenth faster with seeds "
     "that did not choose it, and slower with none of them."
 )
-ENOUGH = 0.98  # share of reproduced cycles from which on no other obstacle range is tried
 SCRIPTS = (Path(__file__).with_name("why.js"),)
 
 
@@ -138,53 +134,14 @@ def _answer_from_outside(drive: Drive, odometry: Motion, options: WhyOptions) ->
 
 
 def _replayed(path: Path, options: WhyOptions) -> Replay:
-    """Return the replay of the drive in a bag."""
-    # A robot whose files are wrong is reported before a long bag is read.
-    planner = RerunPlanner(options.robot)
-    recording = recording_of(path, options, planner)
-    replay = replay_of(recording, planner, watched(path.name))
-    if replay.cycles:
-        replay = with_range_of_method(replay)
+    """Return the replay of the drive in a bag, with its progress and notes on stderr."""
+    watch: Watch = partial(tqdm, desc=path.name, leave=False, disable=None)
+    replay = replay_in(path, options, watch)
     # On stderr, so that --json prints nothing but the object
     for note in replay.drive.notes:
         print(f"{path}: {note}", file=sys.stderr)
-    if not replay.cycles:
-        raise ApplrError(
-            f"{path}: no command has a plan, a scan and odometry: "
-            "record the drive from its beginning"
-        )
+    check_cycles(path, replay)
     return replay
-
-
-def watched(name: str) -> Watch:
-    """Return what shows the progress of a replay on a terminal."""
-    return partial(tqdm, desc=name, leave=False, disable=None)
-
-
-def with_range_of_method(replay: Replay) -> Replay:
-    """Return the replay that reproduces most: this one, or one with the range of a method.
-
-    No bag says up to which range obstacles were marked. A move_base that was started for the
-    robot's policy or tuned set marks them up to the one for which this was made. The drive gets a
-    note if that is the range.
-    """
-    best_replay = replay
-    for needed_range in methods.obstacle_ranges(replay.robot):
-        if best_replay.share_of_cycles >= ENOUGH:
-            break
-        note = (
-            f"obstacles are marked up to {needed_range:g} m, as the robot's set or policy asks: "
-            "with the range of its files, fewer commands are reproduced"
-        )
-        other_recording = replace(
-            replay.recording,
-            robot=replay.robot.seeing(needed_range),
-            drive=replace(replay.drive, notes=[*replay.drive.notes, note]),
-        )
-        other_replay = replay_of(other_recording, watch=watched(replay.drive.name))
-        if other_replay.reproduced > best_replay.reproduced:
-            best_replay = other_replay
-    return best_replay
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

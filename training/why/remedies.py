@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, Optional, Sequence
+from typing import List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -21,13 +21,27 @@ from training.why.candidates import (
 )
 from training.why.deciding import decides, undecided
 from training.why.seen_world import seen_grid, seen_world
-from training.why.whole_drives import ROUND, DriveConditions, WholeDriveTrials, limit_of, try_out
+from training.why.whole_drives import (
+    ROUND,
+    DriveConditions,
+    WholeDriveTrials,
+    course_in,
+    limit_of,
+    try_out,
+)
 from training.workers.pool import Pool
 
 CANDIDATES = 12  # number of candidates that are driven
 MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
 LIVE = 5  # number of candidates among them that the replay ranks
 ARRIVED_M = 1.5  # distance from the goal at the end of a drive that arrived [m, for the Jackal]
+
+
+class RecordedCourse(NamedTuple):
+    """Course of a recorded drive, with the candidates that may help there, the best first."""
+
+    conditions: DriveConditions
+    candidates: List[Candidate]
 
 
 def driven_trials(
@@ -42,6 +56,18 @@ def driven_trials(
 
     Returns:
         The trials; None if no remedy is wanted, or the drive's goal is unknown.
+    """
+    recorded_course = course_of(diagnosis, guesses)
+    if recorded_course is None:
+        return None
+    course = course_in(recorded_course.conditions, pool)
+    return try_out([course], recorded_course.candidates)
+
+
+def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[RecordedCourse]:
+    """Return the course of a recorded drive.
+
+    None if no remedy is wanted, or the drive's goal is unknown.
     """
     replay = diagnosis.replay
     drive = replay.drive
@@ -80,7 +106,7 @@ def driven_trials(
         ends_at_tolerance=longest_event.kind != AT_GOAL,
         policy_decides=policy_decides,
     )
-    return try_out(conditions, candidates(replay, guesses, robot, policy_decides), pool)
+    return RecordedCourse(conditions, candidates(replay, guesses, robot, policy_decides))
 
 
 def possible_guesses(diagnosis: Diagnosis) -> List[Alternative]:

@@ -1,7 +1,7 @@
-"""Whole drives in the world that the laser saw: with the recorded values, and with candidates.
+"""Whole drives in the worlds that the laser saw: with the recorded values, and with candidates.
 
-A candidate is believed only if it drives better from the recorded start to the recorded goal, with
-seeds that did not choose it.
+A candidate is believed only if it drives better from the recorded starts to the recorded goals,
+with seeds that did not choose it. One recorded drive gives one course, a logbook several.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from operator import itemgetter
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from typing_extensions import override
@@ -42,8 +42,11 @@ ROUND = 3  # number of candidates that drive before the best of them sets the ti
 CHOSEN = 3  # number of candidates that drive with more than one seed
 JUDGED = 2  # number of candidates that are judged at most
 BETTER = 0.9  # share of the time with the recorded values below which a candidate is better
-NEARLY = 1.1  # ratio of times up to which a smaller change is preferred
-BEHIND = 1.25  # ratio to the best time of a seed from which on a drive is broken off
+# Ratio of times up to which a smaller change is preferred, and one course of several is not slower
+NEARLY = 1.1
+# Ratio to the best time of a seed from which on a drive is broken off; with several courses, ratio
+# to the time with the recorded values, as a change need not help on every course.
+BEHIND = 1.25
 SLOWEST = 1.5  # longest duration of a drive in durations of the recorded one
 # Bounds of the time limit of a drive [s].
 SHORTEST_LIMIT_S = 20.0
@@ -78,6 +81,13 @@ class DriveConditions(NamedTuple):
     policy_decides: bool = False
 
 
+class Run(NamedTuple):
+    """Drive that every candidate may have: the number of its course, and its seed."""
+
+    course: int
+    seed: int
+
+
 class Arrival(NamedTuple):
     """How one whole drive ended.
 
@@ -95,12 +105,27 @@ class Arrival(NamedTuple):
     path: np.ndarray
 
 
+class Course(NamedTuple):
+    """Course on which whole drives are made.
+
+    Attributes:
+        robot: Robot with the values of the recorded drive in its files.
+        policy_decides: Whether the robot's policy decides, as it did in the recorded drive.
+        begin: Begins a drive, given changed values, the seed and the time to beat [s], and returns
+            what waits for its end.
+    """
+
+    robot: Robot
+    policy_decides: bool
+    begin: Callable[[Sequence[Change], int, float], Callable[[], Arrival]]
+
+
 class Tried(NamedTuple):
     """A candidate that was driven.
 
     Attributes:
         candidate: The candidate; None for the recorded values.
-        drives: Its drives.
+        drives: Its drives, for each seed one on each course.
     """
 
     candidate: Optional[Candidate]
@@ -137,6 +162,7 @@ class WholeDriveTrials(NamedTuple):
         tried: All candidates with the seeds that chose, the best first.
         judged: Candidates with the seeds that judge, the remedy last.
         policy_decided: Whether the robot's policy decided in all of them.
+        course_count: Number of courses.
     """
 
     recorded: Tried
@@ -144,6 +170,21 @@ class WholeDriveTrials(NamedTuple):
     tried: Sequence[Tried]
     judged: Sequence[Tried] = ()
     policy_decided: bool = False
+    course_count: int = 1
+
+    def on_course(self, number: int) -> WholeDriveTrials:
+        """Return the drives on one of the courses."""
+
+        def there(tried: Tried) -> Tried:
+            return tried._replace(drives=tried.drives[number :: self.course_count])
+
+        return self._replace(
+            recorded=there(self.recorded),
+            remedy=there(self.remedy) if self.remedy else None,
+            tried=list(map(there, self.tried)),
+            judged=list(map(there, self.judged)),
+            course_count=1,
+        )
 
 
 def limit_of(seconds: float) -> float:
@@ -198,95 +239,111 @@ def drive_once(
     )
 
 
-def try_out(
-    conditions: DriveConditions, candidates: Sequence[Candidate], pool: Pool
-) -> WholeDriveTrials:
-    """Drive with the recorded values and with candidates.
+def course_in(conditions: DriveConditions, pool: Pool) -> Course:
+    """Return the course of some conditions, on which the workers of a pool drive."""
+
+    def begin(changes: Sequence[Change], seed: int, to_beat: float) -> Callable[[], Arrival]:
+        return pool.submit(drive_once, conditions, changes, seed, to_beat).result
+
+    return Course(conditions.robot, conditions.policy_decides, begin)
+
+
+def try_out(courses: Sequence[Course], candidates: Sequence[Candidate]) -> WholeDriveTrials:
+    """Drive with the recorded values and with candidates, each on all courses.
 
     All candidates drive once, the best ones with more seeds, and the best of these are judged with
     seeds that chose nothing, one after the other until one is a remedy. A drive that is not faster
     than with the recorded values, or much slower than with another candidate, is broken off.
     """
-    recorded = Tried(None, _drive(conditions, [None], CHOOSING, pool)[None])
+    is_single = len(courses) == 1
+    choosing_runs = _runs(courses, CHOOSING)
+    recorded = Tried(None, _drive(courses, [None], choosing_runs)[None])
     to_beat = {}
-    for seed, arrival in zip(CHOOSING, recorded.drives):
-        to_beat[seed] = arrival.seconds
+    for run, arrival in zip(choosing_runs, recorded.drives):
+        to_beat[run] = arrival.seconds if is_single else BEHIND * arrival.seconds
 
     # All candidates drive once, in rounds, because the best of a round shortens the next one.
     drives: Drives = {}
-    first_seed = CHOOSING[0]
-    fastest = to_beat[first_seed]
+    first_runs = _runs(courses, CHOOSING[:1])
     for group_begin in range(0, len(candidates), ROUND):
         candidate_group = candidates[group_begin : group_begin + ROUND]
-        drives.update(
-            _drive(conditions, candidate_group, [first_seed], pool, {first_seed: fastest})
-        )
-        for (arrival,) in drives.values():
-            fastest = min(fastest, BEHIND * arrival.seconds)
+        drives.update(_drive(courses, candidate_group, first_runs, to_beat))
+        # On several courses, the best one may be another candidate on each.
+        if is_single:
+            for (arrival,) in drives.values():
+                (run,) = first_runs
+                to_beat[run] = min(to_beat[run], BEHIND * arrival.seconds)
 
     # The best ones drive with the other seeds.
     best_candidates = _ranked(drives)[:CHOSEN]
-    for candidate, arrivals in _drive(
-        conditions, best_candidates, CHOOSING[1:], pool, to_beat
-    ).items():
+    later_runs = _runs(courses, CHOOSING[1:])
+    for candidate, arrivals in _drive(courses, best_candidates, later_runs, to_beat).items():
         drives[candidate] += arrivals
     tried = [Tried(candidate, drives[candidate]) for candidate in _ranked(drives)]
     finalists = []
     for entry in tried:
-        if len(entry.drives) == len(CHOOSING) and _is_better(entry, recorded):
+        if len(entry.drives) == len(choosing_runs) and _is_better(entry, recorded):
             finalists.append(entry)
 
     # The best of several looks better than it is, so that other seeds judge it.
     confirming: Drives = {}
     judged = []
-    for candidate in _preferred(finalists, conditions.robot)[:JUDGED]:
+    remedy = None
+    for candidate in _preferred(finalists, courses[0].robot)[:JUDGED]:
         undriven: List[Optional[Candidate]] = [candidate]
         # The recorded values drive once, with the first candidate that is judged.
         if None not in confirming:
             undriven.append(None)
-        confirming.update(_drive(conditions, undriven, CONFIRMING, pool))
+        confirming.update(_drive(courses, undriven, _runs(courses, CONFIRMING)))
         recorded = Tried(None, confirming[None])
-        remedy = Tried(candidate, confirming[candidate])
-        judged.append(remedy)
-        if _is_better(remedy, recorded) and _is_never_slower(remedy, recorded):
-            return WholeDriveTrials(recorded, remedy, tried, judged, conditions.policy_decides)
-    return WholeDriveTrials(recorded, None, tried, judged, conditions.policy_decides)
+        entry = Tried(candidate, confirming[candidate])
+        judged.append(entry)
+        if is_remedy(entry, recorded, len(courses)):
+            remedy = entry
+            break
+    policy_decided = any(course.policy_decides for course in courses)
+    return WholeDriveTrials(recorded, remedy, tried, judged, policy_decided, len(courses))
 
 
 Drives = Dict[Optional[Candidate], List[Arrival]]
 
 
+def _runs(courses: Sequence[Course], seeds: Sequence[int]) -> List[Run]:
+    """Return the drives of each candidate: all courses with the first seed, then with the next."""
+    runs = []
+    for seed in seeds:
+        for number in range(len(courses)):
+            runs.append(Run(number, seed))
+    return runs
+
+
 def _drive(
-    conditions: DriveConditions,
+    courses: Sequence[Course],
     candidates: Sequence[Optional[Candidate]],
-    seeds: Sequence[int],
-    pool: Pool,
-    to_beat: Mapping[int, float] = {},
+    runs: Sequence[Run],
+    to_beat: Mapping[Run, float] = {},
 ) -> Drives:
-    """Return the drives of candidates with seeds. A candidate that move_base refuses is left out.
+    """Return the drives of candidates. A candidate that move_base refuses is left out.
 
     Args:
-        conditions: What all drives share.
+        courses: Where they drive.
         candidates: Candidates; None for the recorded values.
-        seeds: Seeds of each.
-        pool: Workers.
-        to_beat: Time [s] by seed after which a drive is broken off.
+        runs: Drives of each.
+        to_beat: Time [s] by run after which a drive is broken off.
     """
     # All calls first, so that the workers are busy while the results are collected.
-    drive_calls = []
+    drives_begun = []
     for candidate in candidates:
         changes = candidate.changes if candidate else ()
-        for seed in seeds:
-            limit = to_beat.get(seed, math.inf)
-            drive_calls.append(
-                (candidate, pool.submit(drive_once, conditions, changes, seed, limit))
-            )
+        for run in runs:
+            limit = to_beat.get(run, math.inf)
+            drives_begun.append((candidate, courses[run.course].begin(changes, run.seed, limit)))
     drives: Drives = {}
     for candidate in candidates:
         drives[candidate] = []
-    for candidate, drive_call in drive_calls:
+    for candidate, arrival_of in drives_begun:
         try:
-            arrival = drive_call.result()
+            arrival = arrival_of()
         except CallFailed:
             # Values may contradict each other, such as a footprint without an area.
             if candidate is None:
@@ -347,17 +404,41 @@ def _leads_away(candidate: Candidate, known: Mapping[str, Server]) -> bool:
     return declared is not None and change.leads_away(declared.default)
 
 
+def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:
+    """Return whether a candidate is better on all courses together, and on none of them worse.
+
+    Args:
+        tried: Drives of the candidate with the seeds that judge.
+        recorded: Drives with the recorded values, of the same seeds.
+        course_count: Number of courses.
+    """
+    if not _is_better(tried, recorded):
+        return False
+    # With no seed slower: one lucky drive can make a mean of three better by a tenth.
+    for first_drive in range(0, len(tried.drives), course_count):
+        of_seed = slice(first_drive, first_drive + course_count)
+        if _seconds(tried.drives[of_seed]) > _seconds(recorded.drives[of_seed]):
+            return False
+    for number in range(course_count):
+        drives = tried.drives[number::course_count]
+        if _is_worse(drives, recorded.drives[number::course_count]):
+            return False
+    return True
+
+
 def _is_better(tried: Tried, recorded: Tried) -> bool:
     """Return whether a candidate arrives at least as often, in a tenth less time."""
     return tried.arrivals >= recorded.arrivals and tried.seconds <= BETTER * recorded.seconds
 
 
-def _is_never_slower(tried: Tried, recorded: Tried) -> bool:
-    """Return whether a candidate is at least as fast with each seed.
+def _is_worse(drives: Sequence[Arrival], recorded_drives: Sequence[Arrival]) -> bool:
+    """Return whether drives on a course arrive less often, or clearly later, than recorded ones."""
+    arrivals = sum(drive.success for drive in drives)
+    recorded_arrivals = sum(drive.success for drive in recorded_drives)
+    is_slower = _seconds(drives) > NEARLY * _seconds(recorded_drives)
+    return arrivals < recorded_arrivals or is_slower
 
-    One lucky drive can make a mean of three better by a tenth.
-    """
-    for drive, recorded_drive in zip(tried.drives, recorded.drives):
-        if drive.seconds > recorded_drive.seconds:
-            return False
-    return True
+
+def _seconds(drives: Sequence[Arrival]) -> float:
+    """Return the time of all drives [s]."""
+    return sum(drive.seconds for drive in drives)

@@ -30,7 +30,14 @@ from training.why.candidates import (
     with_changes,
 )
 from training.why.seen_world import seen_grid, seen_world, write_map
-from training.why.whole_drives import Arrival, DriveConditions, Tried, WholeDriveTrials, try_out
+from training.why.whole_drives import (
+    Arrival,
+    DriveConditions,
+    Tried,
+    WholeDriveTrials,
+    course_in,
+    try_out,
+)
 from training.workers.pool import Pool
 from worlds.loading import load
 from worlds.map_reader import is_occupied, read_map
@@ -252,7 +259,7 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
     refused = Candidate((one_point,))
 
     with Pool(0) as pool:
-        trials = try_out(course, [refused, MENDED], pool)
+        trials = try_out([course_in(course, pool)], [refused, MENDED])
 
     assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
@@ -291,7 +298,7 @@ def trials_of(course, *values):
         change = Change(PLANNER, "sim_time", 2.0, sim_time)
         candidates.append(Candidate((change,)))
     with Pool(0) as pool:
-        return try_out(course, candidates, pool)
+        return try_out([course_in(course, pool)], candidates)
 
 
 def value_of(tried_out):
@@ -568,7 +575,6 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     replayed, monkeypatch
 ):
     limits = []
-    monkeypatch.setattr(remedies, "try_out", lambda course, *rest: limits.append(course.limit))
     drive = replayed.drive
     x, y, _ = drive.odometry.pose[-1]
     # The drive ended 3 m before the end of its route, and then 1 m before it, as good as there.
@@ -577,8 +583,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
         path = np.array([[0.0, 0.0, np.pi / 2], goal_pose])
         routes = replace(drive.routes, path=[path] * len(drive.routes))
         replay = replay_of(Recording.of(replace(drive, routes=routes), replayed.robot))
-        with Pool(0) as pool:
-            remedies.driven_trials(diagnose(replay), [], pool)
+        limits.append(remedies.course_of(diagnose(replay), []).conditions.limit)
 
     limit_on_its_way, limit_at_its_goal = limits
     assert limit_on_its_way == whole_drives.LONGEST_LIMIT_S

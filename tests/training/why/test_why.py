@@ -33,6 +33,8 @@ from tests.support.replays import (
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
+from training.why.recorded import recording_of
+from training.why.replayed import with_range_of_method
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def bag(sound, tmp_path_factory):
 def read_back(path, robot=JACKAL):
     """Return the drive that `./applr why` reads from a bag."""
     options = why.WhyOptions(bag=[str(path)], robot=robot)
-    return why.recording_of(path, options, RerunPlanner(robot)).drive
+    return recording_of(path, options, RerunPlanner(robot)).drive
 
 
 def values_in(cycles, server, name):
@@ -208,7 +210,7 @@ def test_a_drive_with_the_range_of_the_robots_set_is_reproduced_with_this_range(
     for driven_range, expected_range, notes in ((1.0, 1.0, [of_the_set]), (None, 2.5, [])):
         drive, _ = simulated(robot.seeing(driven_range), "generated:40", limit=8)
         # Then: the replay finds out which one it was, and says so
-        replay = why.with_range_of_method(replayed(robot, drive))
+        replay = with_range_of_method(replayed(robot, drive))
         assert replay.reproduced == len(replay.cycles)
         sources = laser_sources(replay.robot.parameters())
         assert {source.obstacle_range for source in sources} == {expected_range}
