@@ -260,8 +260,8 @@ class CollisionMonitor:
         if self.strays:
             self.seen.clear()
         if self._lasers.first is not first_laser:
-            # The poses were corrected by the scans of the stray.
-            self.matcher.clear()
+            # The poses were corrected by the scans of the stray. Their frame goes on.
+            self.matcher.forget_scans()
             self._forget_place()
             for watched in self._lasers:
                 watched.forget_tracks()
