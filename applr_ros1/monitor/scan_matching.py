@@ -103,10 +103,6 @@ class ScanMatcher:
         Poses stay uncorrected until two scans have arrived.
         """
         self.correction: Pose = (0.0, 0.0, 0.0)
-        self.forget_scans()
-
-    def forget_scans(self) -> None:
-        """Forget all scans. The correction stays until two scans have arrived."""
         self.lost = False
         # Scans have corrected poses, and NaN for the ranges that are not used for matching.
         self._references: List[ScanRays] = []  # reference scans, oldest first
