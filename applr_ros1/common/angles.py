@@ -59,6 +59,19 @@ def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
     return parent_x, parent_y
 
 
+def transform_motions(pose: Pose, motions: np.ndarray) -> np.ndarray:
+    """Transform points that move from the frame at `pose` to its parent frame, which stands still.
+
+    motions: (n, 4) x, y [m], vx, vy [m/s].
+    """
+    x, y, vx, vy = motions.T
+    moved_x, moved_y = transform_point(pose, x, y)
+    # Velocities are only rotated.
+    _, _, yaw = pose
+    moved_vx, moved_vy = transform_point((0.0, 0.0, yaw), vx, vy)
+    return np.column_stack([moved_x, moved_y, moved_vx, moved_vy])
+
+
 def compose(a: Pose, b: Pose) -> Pose:
     """Transform the pose b from the frame at a to the parent frame of a."""
     b_x, b_y, b_yaw = b

@@ -126,12 +126,15 @@ class Tree:
         return self._below(common_frame, outer, stamps).inverse().compose(place_of_inner)
 
     def busiest(self, outer: str, inner: str) -> Optional[Link]:
-        """Return the link with the most messages between two frames, or None if nothing moves."""
+        """Return the link with the most messages between two frames, or None if nothing moves.
+
+        Links that place the outer frame, as that of matched poses does, count only without others.
+        """
         common_frame = self._common(outer, inner)
         if common_frame is None:
             return None
-        moving_links = []
-        for end_frame in (outer, inner):
+        for end_frame in (inner, outer):
+            moving_links = []
             for frame in self._upwards(end_frame):
                 # Above the common frame, links place both frames alike.
                 if frame == common_frame:
@@ -139,7 +142,9 @@ class Tree:
                 link = self._links[frame]
                 if not link.is_static:
                     moving_links.append(link)
-        return max(moving_links, key=lambda link: len(link.stamp), default=None)
+            if moving_links:
+                return max(moving_links, key=lambda link: len(link.stamp))
+        return None
 
     def _common(self, outer: str, inner: str) -> Optional[str]:
         """Return the lowest frame below which both frames are."""

@@ -82,10 +82,14 @@ class Recorder:
         world: World of the drive.
         everything: Whether `drive` has scans, plans, refusals, commands, verdicts and changes of
             parameters, too. The caller appends them.
+
+    Attributes:
+        frame: Frame of odometry and plans.
     """
 
     def __init__(self, world: Optional[World] = None, everything: bool = False):
         self.everything = everything
+        self.frame = Drive.frame
         self._world = world
         self._logs: Dict[str, RowLog] = {}
         for column_name, kind in KIND_OF_COLUMN.items():
@@ -187,6 +191,7 @@ class Recorder:
         """
         return Drive(
             name=self._world.name if self._world is not None else "",
+            frame=self.frame,
             truth=self._logs["truth"].rows,
             # A column without rows was not recorded.
             odometry=self._logs["odometry"].rows or None,

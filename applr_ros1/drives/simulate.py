@@ -13,12 +13,13 @@ from typing import Iterator, Optional
 
 import numpy as np
 
-from applr_ros1.common.angles import Twist
+from applr_ros1.common.angles import Twist, inverse
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Decision, Drive, Goal, SentGoal
 from applr_ros1.drives.end_rules import CourseEnd, Destination, Rules
 from applr_ros1.drives.outcome import Leg, Outcome, nearest, outcome_of
 from applr_ros1.drives.recorder import Recorder
+from applr_ros1.planner.plan_cut import transformed
 from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.parameter_space import Space, space_of
@@ -130,6 +131,8 @@ class CourseDrive:
         self._plan = NO_PLAN
         # Robot, planner and maps as at the start
         simulated.reset(world, seed)
+        if simulated.correction is not None:
+            self._recorder.frame = simulated.frame
         self._began = simulated.state.time + CONTROL_PERIOD  # time at which the goal is sent [s]
         self.theta = np.empty(0)
         self._is_decided = theta is not None
@@ -207,7 +210,7 @@ class CourseDrive:
             twist=self.simulated.state.odom_twist,
             goal=self.simulated.goal,
             plan=self._plan,
-            movers=self.simulated.stack.movers,
+            movers=self.simulated.movers,
         )
 
     # -- driving -----------------------------------------------------------------------------------
@@ -339,19 +342,27 @@ class CourseDrive:
         before = tick.before
         step = tick.step
         seconds = before.time - self._began
-        recorder.localised(seconds, before.odom_pose, before.odom_twist)
+        recorder.localised(seconds, tick.planner_pose, before.odom_twist)
         if tick.scan is not None:
             recorder.scanned(seconds, tick.scan)
         if step.cycle.recovery is not None:
             recorder.recovered(seconds)
         if step.cycle.new_plan:
-            recorder.routed(seconds, np.array(self.simulated.stack.move_base.global_plan))
+            self._record_route(seconds)
         if step.cycle.controlled:
             self._record_control(seconds, step.cycle.command)
         if step.verdict is not None:
             recorder.judged(seconds, step.verdict)
         if step.command is not None:
             recorder.commanded(seconds, step.command)
+
+    def _record_route(self, seconds: float) -> None:
+        """Record the global plan in the frame of the odometry, as the other columns."""
+        move_base = self.simulated.stack.move_base
+        route = np.array(move_base.global_plan)
+        if move_base.local_origin is not None:
+            route = transformed(route, inverse(move_base.local_origin))
+        self._recorder.routed(seconds, route)
 
     def _record_control(self, seconds: float, command: Optional[Twist]) -> None:
         """Record what the local planner rejected, and its command if it has one."""

@@ -1,4 +1,4 @@
-"""The nodes' private parameters ~robot, ~map and ~tf_prefix, and ~method of move_base.
+"""The nodes' private parameters ~robot, ~map and ~tf_prefix, ~method and ~matched of move_base.
 
 Also the parameters of move_base from the robot's files.
 """
@@ -14,7 +14,7 @@ from applr_ros1.robots import JACKAL, Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
 # Parameters of the node move_base that are not parameters of the planner
-STARTING = (*NAMING, "method")
+STARTING = (*NAMING, "method", "matched")
 # Parameters of move_base whose value is a frame
 FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")
 
@@ -45,6 +45,8 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     Args:
         parameters: The private parameters. All except STARTING override the robot's files. With
             `method`, the costmaps mark obstacles up to the range for which this method was made.
+            With `matched` and without `map`, both costmaps are in the frame of the collision
+            monitor's matched poses.
 
     Returns:
         The nested tree without STARTING, and the Robot, or None if no robot is named.
@@ -55,6 +57,8 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     robot, prefix = named_robot(parameters)
     needed_range = methods.obstacle_range(str(parameters.get("method", "dwa")), robot)
     started_robot = robot.seeing(needed_range)
+    if parameters.get("matched", False):
+        started_robot = started_robot.in_matched_frame()
     if parameters.get("map", False):  # Raises an error if an included robot has no such files.
         started_robot = started_robot.on_map()
     file_parameters = started_robot.parameters()

@@ -263,6 +263,14 @@ class Sensors:
             self._pose_stamp = transform.header.stamp
         return conversions.pose_of(transform.transform)
 
+    def place_of(self, frame: str) -> Optional[Pose]:
+        """Return the latest pose of a frame in the global frame, None if tf does not know it."""
+        try:
+            transform = self.transforms.at(self.globe, frame, rospy.Time(0)).transform
+        except ObservationError:
+            return None
+        return conversions.pose_of(transform)
+
     def observations(self) -> Dict[str, Any]:
         """Return the new observations (common.scan) whose transforms are known.
 

@@ -267,6 +267,11 @@ class MoveBase:
         """Frames of the global and of the local costmap."""
         return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
+    @property
+    def global_frame(self) -> str:
+        """Frame of the global costmap, of goals and of global plans."""
+        return self._global_frames[0]
+
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
         """Write occupancies (h, w) int8 into a topic's map, first cell at (x, y).
 

@@ -42,8 +42,7 @@ class Context:
         phi: Angle to the local goal [rad].
         theta: (n,) float64, current parameters of the planner.
         time: Time since the goal was sent [s].
-        pose: (x, y, yaw) [m, m, rad] of the robot by its odometry. Goal and plan are in the same
-            frame.
+        pose: (x, y, yaw) [m, m, rad] of the robot in the frame of goal and plan.
         twist: (v, w) [m/s, rad/s] of the robot by its odometry.
         goal: (x, y, yaw) [m, m, rad] of the goal.
         plan: (n, >= 2) x, y [m] of the latest global plan, from robot to goal; (0, 2) before the

@@ -17,7 +17,7 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple, Type
 
 import numpy as np
 
-from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.common.angles import inverse, transform_motions
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
@@ -276,12 +276,10 @@ class DimensionlessEncoding(Encoding):
         """
         if not len(context.movers):
             return np.tile(NO_MOVER, MOVERS)
-        x, y, vx, vy = np.asarray(context.movers, dtype=np.float64).reshape(-1, 4).T
-        to_robot = inverse(context.pose)
-        x, y = transform_point(to_robot, x, y)
-        vx, vy = transform_point((0.0, 0.0, to_robot[2]), vx, vy)  # Velocities are only rotated.
-        order = np.argsort(np.hypot(x, y), kind="stable")
-        nearest_movers = np.column_stack([x, y, vx, vy])[order][:MOVERS]
+        movers = np.asarray(context.movers, dtype=np.float64).reshape(-1, 4)
+        movers = transform_motions(inverse(context.pose), movers)
+        order = np.argsort(np.hypot(movers[:, 0], movers[:, 1]), kind="stable")
+        nearest_movers = movers[order][:MOVERS]
         nearest_movers[:, :2] /= MOVER_CAP * self.width
         nearest_movers[:, 2:] /= self.robot.base.max_speed
         missing_movers = np.tile(NO_MOVER, MOVERS - len(nearest_movers))

@@ -21,6 +21,7 @@ from applr_ros1.common.errors import ApplrError, did_you_mean, shown
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
+from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.obstacle_range import seeing
 from applr_ros1.robots.parameter_files import nested, of_move_base
 
@@ -231,6 +232,7 @@ class Frames(Section):
     base: Frame
     odom: Frame = "odom"
     map: Frame = "map"
+    matched: Frame = value("", "frame of the collision monitor's matched poses", "matched")
 
 
 class OdometryErrors(Section):
@@ -565,6 +567,15 @@ class Robot:
             problem = "robot.yaml has no move_base.with_map"
             raise ApplrError(f"robot {self.name}: {problem}: give its files for a map")
         return replace(self, uses_map=True)
+
+    def in_matched_frame(self) -> Robot:
+        """Return the robot that drives without a map in the frame of the monitor's matched poses.
+
+        On a map, localisation corrects the odometry.
+        """
+        without_map, with_map = self.move_base
+        change = {costmap: {"global_frame": self.frames.matched} for costmap in COSTMAPS}
+        return replace(self, move_base=MoveBaseSetup(merged(without_map, change), with_map))
 
     @property
     def _tree_in_use(self) -> Dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Optional, Protocol, Sequence, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, Twist, compose, inverse
+from applr_ros1.common.angles import Pose, Twist, compose, inverse, transform_motions
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.planner.costmap.static_layer import StaticMap
@@ -56,6 +56,7 @@ class Tick(NamedTuple):
         step: What the driver did.
         after: State at the end.
         place: Pose at the end, in the frame of plan and goal.
+        planner_pose: Pose at the beginning, in the frame of the local costmap.
     """
 
     before: RobotState
@@ -63,6 +64,7 @@ class Tick(NamedTuple):
     step: Step
     after: RobotState
     place: Pose
+    planner_pose: Pose = (0.0, 0.0, 0.0)
 
 
 class SimulatedRobot:
@@ -111,20 +113,50 @@ class SimulatedRobot:
 
     @property
     def frame(self) -> str:
-        """Name of the frame of plan and goal: the map's, or the odometry's without a map."""
+        """Name of the frame of plan and goal.
+
+        It is the map's; without a map that of the monitor's matched poses, or the odometry's.
+        """
         frames = self.robot.frames
-        return frames.odom if self._to_map is None else frames.map
+        if self._to_map is not None:
+            return frames.map
+        return frames.odom if self.correction is None else frames.matched
 
     @property
     def place(self) -> Pose:
         """Pose of the robot in the frame of plan and goal.
 
-        It is the true pose on a map, or the odometry's without a map.
+        It is the true pose on a map, or the odometry's without a map, as the monitor corrects it.
         """
         state = self.state
+        if self._to_map is not None:
+            return compose(self._to_map, state.pose)
+        if self.correction is not None:
+            return compose(self.correction, state.odom_pose)
+        return state.odom_pose
+
+    @property
+    def origin(self) -> Optional[Pose]:
+        """Pose of the odometry's frame in that of plan and goal; None if both are the same."""
         if self._to_map is None:
-            return state.odom_pose
-        return compose(self._to_map, state.pose)
+            return self.correction
+        return compose(self.place, inverse(self.state.odom_pose))
+
+    @property
+    def correction(self) -> Optional[Pose]:
+        """Pose of the odometry frame in that of the monitor's matched poses (Stack.correction).
+
+        None if plan and goal are in another frame.
+        """
+        return self.driver.correction if isinstance(self.driver, Stack) else None
+
+    @property
+    def movers(self) -> np.ndarray:
+        """Tracked moving obstacles (n, 4): x, y [m], vx, vy [m/s] in the frame of plan and goal."""
+        movers = self.stack.movers
+        if self.origin is None:
+            return movers
+        return transform_motions(self.origin, movers)
 
     def robot_in(self, world: World) -> Robot:
         """Return the robot with the parameters in use in a world (Robot.on_map)."""
@@ -162,10 +194,13 @@ class SimulatedRobot:
     def send_goal(self) -> None:
         """Send the goal of the world's course."""
         sent_goal = self.simulator.world.course.sent_goal
-        if self._to_map is None:
-            self.goal = self.simulator.to_odom(sent_goal)
-        else:
+        if self._to_map is not None:
             self.goal = compose(self._to_map, sent_goal)
+        else:
+            self.goal = self.simulator.to_odom(sent_goal)
+            # As on the robot, later corrections move the odometry's frame, and not the goal.
+            if self.correction is not None:
+                self.goal = compose(self.correction, self.goal)
         self.goal_count += 1
         self.driver.set_goal(self.goal, self.state.time)
 
@@ -178,12 +213,15 @@ class SimulatedRobot:
         # Pose of the odometry's frame in the map's
         origin: Optional[Pose] = None
         if self._to_map is not None:
-            origin = compose(self.place, inverse(before.odom_pose))
+            origin = self.origin
+        planner_pose = before.odom_pose
+        if self.correction is not None:
+            planner_pose = compose(self.correction, planner_pose)
         step = self.driver.step(before.time, before.odom_pose, before.odom_twist, scan, origin)
         if step.command is not None:
             self.simulator.command(*step.command)
         after = self.simulator.advance(CONTROL_PERIOD)
-        return Tick(before, scan, step, after, self.place)
+        return Tick(before, scan, step, after, self.place, planner_pose)
 
     def _scan(self) -> LaserScan:
         """Take a new scan of the simulated laser."""

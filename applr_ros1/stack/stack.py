@@ -6,12 +6,12 @@ robot each part is a node of its own.
 """
 
 import math
-from typing import NamedTuple, Optional, Sequence, Union
+from typing import Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, Twist
-from applr_ros1.common.scan import LaserScan
+from applr_ros1.common.angles import Pose, Twist, compose
+from applr_ros1.common.scan import LaserScan, moved
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorSettings
@@ -48,7 +48,7 @@ class Stack:
     Args:
         robot: Description of the robot.
         move_base: Planner. With its parameter applr/movers, the costmaps receive predicted obstacle
-            points.
+            points. Its costmaps may be in the frame of the monitor's matched poses.
         monitor: Whether the robot's collision monitor stands between the planner and the base.
         escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like
             lacks.
@@ -63,6 +63,7 @@ class Stack:
         if move_base.parameters["applr"]["movers"]:
             self.prediction = Prediction(robot)
         self.escapes = escapes
+        self._matched_frame = robot.frames.matched
         self._command_chain = CommandChain()
         self._plan_time = -math.inf  # time of the planner's latest plan [s]
         self._command_time: Optional[float] = None  # time of its latest command [s]
@@ -91,6 +92,16 @@ class Stack:
         return self.move_base.goal_tolerance
 
     @property
+    def correction(self) -> Optional[Pose]:
+        """Pose of the odometry frame in that of the monitor's matched poses.
+
+        None without a monitor, or if the costmaps are in another frame.
+        """
+        if self.monitor is None or self.move_base.global_frame != self._matched_frame:
+            return None
+        return self.monitor.matched_frame.correction
+
+    @property
     def movers(self) -> np.ndarray:
         """Tracked moving obstacles (n, 4): x, y [m], vx, vy [m/s] in the odometry frame."""
         if self.prediction is None:
@@ -116,7 +127,14 @@ class Stack:
             local_origin: Pose of the odometry frame in the frame of the global costmap; None if
             they are the same.
         """
-        cycle = self.move_base.step(now, pose, twist, self._sensed(scan), local_origin)
+        planner_pose = pose
+        sensed = self._sensed(scan)
+        # As on the robot, this scan is matched for the next cycle.
+        correction = self.correction
+        if correction is not None:
+            planner_pose = compose(correction, pose)
+            sensed = _moved(sensed, correction)
+        cycle = self.move_base.step(now, planner_pose, twist, sensed, local_origin)
         if cycle.new_plan:
             self._plan_time = now
         monitor = self.monitor
@@ -153,7 +171,10 @@ class Stack:
         return Step(cycle, None, monitor.braked(now, v))
 
     def _sensed(self, scan: Optional[LaserScan]) -> Optional[Sensed]:
-        """Return what the costmaps get: the scan, and predicted points of moving obstacles."""
+        """Return what the costmaps get: the scan, and predicted points of moving obstacles.
+
+        Both are in the odometry frame, in which velocities are measured best.
+        """
         if scan is None or self.prediction is None:
             return scan
         # The simulated robot has one laser, whose source comes first.
@@ -196,3 +217,12 @@ class Stack:
             end_x, end_y = plan[-1, :2]
             distance = math.hypot(end_x - begin_x, end_y - begin_y)
         return Progress(self.move_base.goal, self._plan_time, distance)
+
+
+def _moved(sensed: Optional[Sensed], frame: Pose) -> Optional[Sensed]:
+    """Transform what the costmaps get from the frame at the pose `frame` to its parent frame."""
+    if sensed is None:
+        return None
+    if not isinstance(sensed, Mapping):
+        return moved(sensed, frame)
+    return {topic: moved(observation, frame) for topic, observation in sensed.items()}

@@ -50,6 +50,7 @@ class FakeMoveBase:
 
     goal = None
     map_topics = ()  # It has no static layer.
+    global_frame = "odom"
 
     def __init__(self, *commands, end=None, result=None, variant="ours"):
         self.commands = commands

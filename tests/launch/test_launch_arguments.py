@@ -83,6 +83,7 @@ def test_parameter_files_are_the_jackals():
     assert of_move_base == {
         **common,
         "method": "auto",
+        "matched": True,
         "TrajectoryPlannerROS/meter_scoring": False,
         "applr/max_speed": 0.0,
         "applr/movers": True,
@@ -193,6 +194,11 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
     replayed = loaded("replay.launch", "bag:=" + bag_path, "robot:=" + robot_folder)
     assert replayed.words["player"][-1] == bag_path
+
+
+def test_plans_are_in_the_frame_of_matched_poses_only_if_the_monitor_runs():
+    launched = loaded("jackal_applr.launch", "monitor:=false")
+    assert launched.parameters["/move_base/matched"] is False
 
 
 def test_method_and_meter_scoring_reach_their_nodes():

@@ -7,7 +7,7 @@ import rosbag
 import rosgraph
 import rospy
 from applr_ros1.msg import Parameters
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
@@ -49,14 +49,19 @@ class Watched:
         self.frames = set()
         self.places = []
         self.decided = []
+        self.plan_frames = set()
         for topic in ("/tf", "/tf_static"):
             rospy.Subscriber(topic, TFMessage, self.keep_frames)
         rospy.Subscriber("/robot1/sim_bridge/ground_truth", Odometry, self.keep_place)
+        rospy.Subscriber("/robot1/move_base/NavfnROS/plan", Path, self.keep_plan_frame)
         rospy.Subscriber("/robot1/applr/decision", rospy.AnyMsg, self.decided.append)
 
     def keep_frames(self, message):
         for transform in message.transforms:
             self.frames |= {transform.header.frame_id, transform.child_frame_id}
+
+    def keep_plan_frame(self, message):
+        self.plan_frames.add(message.header.frame_id)
 
     def keep_place(self, message):
         self.places.append((message.pose.pose.position.x, message.pose.pose.position.y))
@@ -84,6 +89,7 @@ def test_a_stack_in_a_namespace(tmp_path):
         # The world is one for all robots.
         outside_frames = {frame for frame in watched.frames if not frame.startswith("robot1/")}
         assert outside_frames == {"world"}
+        assert watched.plan_frames == {"robot1/matched"}
         assert rospy.ServiceProxy("/robot1/applr/enable", SetBool)(False).success
         assert "no heartbeat of the applr node" not in launched.text
     finally:

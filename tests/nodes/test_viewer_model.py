@@ -1,12 +1,14 @@
-"""Test of the robot's model and of the camera on the viewer's page."""
+"""Test of the robot's model, costmaps and the camera on the viewer's page."""
 
 import asyncio
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from nav_msgs.msg import OccupancyGrid
 
 from applr_ros1.robots import JACKAL
 
@@ -68,3 +70,21 @@ def test_a_camera_that_the_user_has_moved_follows_the_robot():
     view.follow(camera, (0.0, 0.0, 0.0))
     # Then: the camera is behind the robot again
     np.testing.assert_allclose(camera.position, (-3.5, 0.0, 2.5))
+
+
+def test_a_costmap_turns_with_its_frame():
+    image = SimpleNamespace()
+    drawn = shapes.DrawnCostmap(MagicMock(**{"add_image.return_value": image}), "/global", 0.01)
+    grid = OccupancyGrid()
+    grid.header.frame_id = "matched"
+    grid.info.width = 4
+    grid.info.height = 2
+    grid.info.resolution = 1.0
+    grid.info.origin.position.x = 10.0
+    grid.data = [100] * 8
+    drawn.take(grid)
+    # The frame lies at (1, 2), turned to the left.
+    drawn.draw(SimpleNamespace(frame_pose=lambda frame: (1.0, 2.0, 0.5 * math.pi)))
+    assert image.position == pytest.approx((1.0 - 1.0, 2.0 + 12.0, 0.01))
+    half = math.sqrt(0.5)
+    assert image.wxyz == pytest.approx([half, 0.0, 0.0, half])

@@ -56,6 +56,9 @@ class DriveSettings(Options):
     monitor: bool = option(False,
         "Put the collision monitor between the planner and the base, as the launch file does. "
         "Without the monitor, the base receives every command of the planner unchanged.")
+    matched: bool = option(True,
+        "With the monitor and without a map, drive in the frame of the poses that the monitor has "
+        "matched, as the launch file does. Without this, costmaps are in the odometry's frame.")
     movers: bool = option(False,
         "Track moving obstacles in the scans and mark their predicted positions in the costmaps, "
         "as the launch file does (docs/explanation/movers.md).")
@@ -117,6 +120,8 @@ class TrialSettings(DriveSettings):
         Their distance biases are per costmap cell. Both planners are the same if robot.yaml has no
         setup with a map, or one with sensors that are not simulated.
         """
+        if self.monitor and self.matched:
+            robot = robot.in_matched_frame()
         exploring_planner = self._planner(robot)
         if robot.move_base.with_map is None:
             return exploring_planner, exploring_planner

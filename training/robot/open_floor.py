@@ -98,7 +98,8 @@ class OpenFloor:
     """
 
     def __init__(self, robot: Robot, **physics: Any):
-        stack = Stack(robot, MoveBase(counting_cells(robot.parameters())), monitor=True)
+        parameters = robot.in_matched_frame().parameters()
+        stack = Stack(robot, MoveBase(counting_cells(parameters)), monitor=True)
         simulator = sim_bridge.make("kinematic", robot=robot, **physics)
         self._simulated_robot = SimulatedRobot(simulator, stack)
 

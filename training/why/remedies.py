@@ -86,6 +86,8 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     if policy_decides:
         changes = undecided(changes, replay.robot)
     robot = with_changes(replay.robot, changes, replay.robot.name)
+    if robot.frames.matched in drive.frames.get("routes", ()):
+        robot = robot.in_matched_frame()
 
     # From where the robot was sent to its goal
     odometry = replay.recording.odometry

@@ -16,7 +16,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from applr_ros1.common.angles import Pose, transform_point
+from applr_ros1.common.angles import Pose, transform_motions
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
@@ -198,13 +198,12 @@ class RobotInputs:
         """
         if message is None or abs((now - message.header.stamp).to_sec()) > MAX_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
-        x, y, vx, vy = np.array([message.x, message.y, message.vx, message.vy], dtype=float)
+        columns = [message.x, message.y, message.vx, message.vy]
+        motions = np.column_stack(columns).astype(float)
         if frame.lstrip("/") != message.header.frame_id.lstrip("/"):
             transform = self._transforms.latest(frame, message.header.frame_id, now, MAX_AGE_S)
-            pose = conversions.pose_of(transform.transform)
-            x, y = transform_point(pose, x, y)
-            vx, vy = transform_point((0.0, 0.0, pose[2]), vx, vy)
-        return np.column_stack([x, y, vx, vy]), message.header.stamp
+            motions = transform_motions(conversions.pose_of(transform.transform), motions)
+        return motions, message.header.stamp
 
     def _on_movers(self, message: Movers) -> None:
         with self._lock:

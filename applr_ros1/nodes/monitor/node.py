@@ -5,7 +5,7 @@ cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor allows. If the 
 overdue, the node itself sends braking commands, and then zeros until the base has stood still for a
 second. After an exception, the node stops the base and reports the exception on /diagnostics. With
 ~escape, the node makes small escape motions while move_base is stuck or blocked although a goal is
-active.
+active. The node broadcasts the frame of its matched poses (frame_broadcaster.py).
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of
 further lasers; default: those of the description), ~escape (false), and the fields of
@@ -46,6 +46,7 @@ from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
 from applr_ros1.stack.stuck import CommandChain, StalledPlanner
 
+from .frame_broadcaster import FrameBroadcaster
 from .guard import Heartbeat, publish_zeros
 from .move_base_progress import MoveBaseProgress
 
@@ -105,7 +106,9 @@ class CollisionMonitorNode:
 
         self._scan_topic = robot.topics.scan
         self._more_scans = more_scans
-        self.sensors = Sensors.of_lasers(robot, prefix, prefix + robot.frames.odom, more_scans)
+        odometry_frame = prefix + robot.frames.odom
+        self.sensors = Sensors.of_lasers(robot, prefix, odometry_frame, more_scans)
+        self._broadcaster = FrameBroadcaster(odometry_frame, prefix + robot.frames.matched)
         self._commands = rospy.Publisher(
             robot.topics.cmd_vel, TwistMessage, queue_size=1, latch=True
         )
@@ -132,6 +135,7 @@ class CollisionMonitorNode:
             with self._lock:
                 try:
                     self._take_scans()
+                    self._broadcaster.update(self._clock.now, self.monitor.matched_frame.correction)
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)
@@ -152,6 +156,7 @@ class CollisionMonitorNode:
             rospy.logwarn("collision monitor: the clock jumped back; starting anew")
             self.sensors.forget()
             self.monitor.reset()
+            self._broadcaster.forget()
             self._commanded = rospy.Time(0)
             self._stray_line = ""
             if self._planner is not None:
@@ -283,7 +288,10 @@ class CollisionMonitorNode:
             raise problem
         self._commands.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
+        # Who drives in the frame of the matched poses must not see it jump.
+        correction = self.monitor.matched_frame.correction
         self.monitor.reset()
+        self.monitor.matched_frame.correction = correction
         reason = f"the monitor failed: {problem!r}; please report it"
         self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 

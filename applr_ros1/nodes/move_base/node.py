@@ -4,7 +4,8 @@ Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps 
 publishes. Subscribers and services use the planner between two cycles, under ControlLoop.lock.
 Parameters: ~robot (name or folder of a robot description), ~map and ~tf_prefix (options of this
 robot), ~method (the method that will set the parameters, which may need farther obstacles than the
-robot's files mark), and the parameters in docs/reference/parameters.md.
+robot's files mark), ~matched (drive in the frame of the collision monitor's matched poses, unless
+~map), and the parameters in docs/reference/parameters.md.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from std_msgs.msg import Bool, Header
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, compose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
@@ -53,6 +54,7 @@ from applr_ros1.robots import Robot
 
 from .control_loop import ControlLoop
 from .displays import CostmapDisplay, PlanDisplay
+from .frame_restart import FrameRestart
 from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_settings
 from .reconfigure_server import ReconfigureServer
@@ -74,7 +76,11 @@ class MoveBaseNode:
         self._space = SPACE
         odometry_topic = "odom"
         no_return = None
+        matched_frame = ""
+        odometry_frame = ""
         if robot is not None:
+            matched_frame = robot.frames.matched
+            odometry_frame = robot.frames.odom
             self._space = space_of(robot)
             odometry_topic = robot.topics.odometry
             no_return = robot.laser.no_return
@@ -82,6 +88,11 @@ class MoveBaseNode:
         parameters = self.move_base.parameters
         self.frame = parameters["global_costmap"]["global_frame"].lstrip("/")
         self.local_frame = parameters["local_costmap"]["global_frame"].lstrip("/")
+        # The global frame may have the prefix of the robot's frames.
+        prefix, slash, name = self.frame.rpartition("/")
+        self._awaits_monitor = name == matched_frame
+        self._odometry_frame = prefix + slash + odometry_frame
+        self._frame_restart = FrameRestart()
         self.loop = ControlLoop(
             self._cycle,
             lambda: self.move_base.frequency,
@@ -163,6 +174,8 @@ class MoveBaseNode:
         move_base = self.move_base
         self._take_goals(stamp, now)
         robot_pose, frame_pose = self._locate(stamp)
+        if self._awaits_monitor and robot_pose is not None:
+            self._follow_monitor(stamp)
         observations = self.sensors.observations()
         cycle = move_base.step(now, robot_pose, self.sensors.twist, observations, frame_pose)
         self._pose = None if robot_pose is None else move_base.in_global_frame(robot_pose)
@@ -212,15 +225,41 @@ class MoveBaseNode:
             return None, None
         return robot_pose, frame_pose
 
+    def _follow_monitor(self, stamp: rospy.Time) -> None:
+        """Carry the goal over to the frame of a monitor that has started again, without the maps.
+
+        The C++ move_base keeps both, so that its goal and its maps are then off.
+        """
+        now = stamp.to_sec()
+        odometry_pose = self.sensors.place_of(self._odometry_frame)
+        if odometry_pose is None:
+            return
+        change = self._frame_restart.take(now, odometry_pose)
+        if change is None:
+            return
+        rospy.logwarn(
+            "the collision monitor has started again: the goal moves with frame %s by %.2f m, and "
+            "the costmaps are cleared",
+            self.frame,
+            math.hypot(*change[:2]),
+        )
+        self.move_base.clear_costmaps()
+        if self.move_base.goal is not None:
+            self._set_goal(compose(change, self.move_base.goal), stamp, now)
+
+    def _set_goal(self, goal_pose: Pose, stamp: rospy.Time, now: float) -> None:
+        """Pass a goal in the global frame to the planner, and tell of it."""
+        self.move_base.set_goal(goal_pose, now)
+        self._current_goal.publish(conversions.pose_stamped(goal_pose, self.frame, stamp))
+
     def _take_goals(self, stamp: rospy.Time, now: float) -> None:
         """Pass a new goal, or the cancellation of the current goal, to the planner."""
-        if self.goals.is_new_goal_available():
+        if self.goals.is_new_goal_available() and self._can_take_goals():
             requested_goal = self.goals.accept_new_goal().target_pose
             try:
                 goal_pose = self._checked_goal(requested_goal)
-                self.move_base.set_goal(goal_pose, now)
+                self._set_goal(goal_pose, stamp, now)
                 self._warn_of_goal_off_map(goal_pose)
-                self._current_goal.publish(conversions.pose_stamped(goal_pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
 
@@ -228,6 +267,20 @@ class MoveBaseNode:
         is_cancelled = self.goals.is_active() and self.goals.is_preempt_requested()
         if is_cancelled and not self.goals.is_new_goal_available():
             self.move_base.cancel()
+
+    def _can_take_goals(self) -> bool:
+        """Return whether a new goal can be taken now; it waits for the monitor's first transform.
+
+        All nodes start together, and a goal may come before the monitor has begun. The C++
+        move_base waits for tf before it takes goals, too.
+        """
+        sensors = self.sensors
+        if not self._awaits_monitor or sensors.place_of(sensors.base) is not None:
+            return True
+        rospy.logwarn_throttle(
+            5.0, f"a goal waits for frame {self.frame} of the collision monitor: start the monitor"
+        )
+        return False
 
     def _checked_goal(self, goal: PoseStamped) -> Pose:
         """Return a goal as pose in the global frame.
@@ -454,6 +507,7 @@ class MoveBaseNode:
         rospy.logwarn("the clock jumped back: maps, plan and goal are dropped")
         self._send(0.0, 0.0)
         self.sensors.forget()
+        self._frame_restart.forget()
         self._finish("aborted", WENT_BACK)
         self.goals.forget_cancellations()
         self.move_base.reset(rospy.get_time(), restore=False)

@@ -8,7 +8,7 @@ from typing import Any, Optional, Tuple
 import numpy as np
 from nav_msgs.msg import MapMetaData
 
-from applr_ros1.common.angles import Pose, quaternion_of
+from applr_ros1.common.angles import Pose, compose, quaternion_of
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import wheel_places
@@ -197,7 +197,6 @@ class DrawnCostmap:
         middle_row = (first_row + end_row) / 2.0
         middle_column = (first_column + end_column) / 2.0
         map_corner = self._info.origin.position
-        frame_x, frame_y, _ = frame_pose
-        image_x = frame_x + map_corner.x + middle_column * resolution
-        image_y = frame_y + map_corner.y + middle_row * resolution
-        self.handle.position = (image_x, image_y, self._z)
+        image_x = map_corner.x + middle_column * resolution
+        image_y = map_corner.y + middle_row * resolution
+        put(self.handle, compose(frame_pose, (image_x, image_y, 0.0)), self._z)

@@ -743,3 +743,14 @@ def test_another_laser_is_taken_if_tf_knows_its_place(driven, tmp_path):
     bag_path = in_frames(tmp_path / "b.bag", with_link, laser="rear_laser")
     read_back_drive = read_back(bag_path)
     assert read_back_drive.laser_pose == pytest.approx((-0.1, 0.0, 3.0))
+
+
+def test_the_base_is_placed_by_its_own_link_and_not_by_the_more_frequent_one_of_matched_poses():
+    still = (0.0, 0.0, 0.0)
+    rows = [(0.0, "odom", "base_link", still), (1.0, "odom", "base_link", still)]
+    for time in (0.0, 0.4, 0.8):
+        rows.append((time, "odom", "matched", still))
+    tree = Tree(links(rows))
+    for frame in ("odom", "matched"):
+        assert tree.busiest(frame, "base_link").stamp.tolist() == [0.0, 1.0]
+    assert tree.busiest("matched", "odom").stamp.tolist() == [0.0, 0.4, 0.8]

@@ -570,6 +570,20 @@ def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_abo
         assert remedies.driven_trials(with_part, [], pool) is None
 
 
+def test_whole_drives_plan_in_the_frame_in_which_the_robot_planned(replayed, monkeypatch):
+    robots_driven = []
+    monkeypatch.setattr(
+        remedies, "try_out", lambda courses, *rest: robots_driven.append(courses[0].robot)
+    )
+    for frame in ("odom", "matched"):
+        drive = replace(replayed.drive, frames={"routes": [frame]})
+        replay = replay_of(Recording.of(drive, replayed.robot))
+        with Pool(0) as pool:
+            remedies.driven_trials(diagnose(replay), [], pool)
+    frames = [robot.parameters()["global_costmap"]["global_frame"] for robot in robots_driven]
+    assert frames == ["odom", "matched"]
+
+
 @pytest.mark.heavy
 def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     replayed, monkeypatch

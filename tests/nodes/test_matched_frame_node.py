@@ -1,0 +1,144 @@
+"""Tests of the frame of matched poses in the nodes, without a ROS master: the monitor's transforms,
+the planner's parameters, and goals before the first transform.
+"""
+
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import pytest
+import rospy
+
+from applr_ros1.common.angles import compose
+from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.monitor import frame_broadcaster
+from applr_ros1.nodes.monitor.frame_broadcaster import FrameBroadcaster
+from applr_ros1.nodes.monitor.node import CollisionMonitorNode
+from applr_ros1.nodes.move_base.frame_restart import FrameRestart
+from applr_ros1.nodes.move_base.node import MoveBaseNode
+from applr_ros1.nodes.robot_parameters import with_robot
+from applr_ros1.planner.parameters.check import check
+
+CORRECTION = (0.5, -0.2, 0.3)
+
+
+@pytest.fixture
+def broadcast(monkeypatch):
+    """Return a frame, and the transforms that it has broadcast so far."""
+    transforms = []
+    publisher = SimpleNamespace(publish=lambda message: transforms.extend(message.transforms))
+    monkeypatch.setattr(frame_broadcaster.rospy, "Publisher", lambda *_, **__: publisher)
+    return FrameBroadcaster("robot1/odom", "robot1/matched"), transforms
+
+
+def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(broadcast):
+    frame, transforms = broadcast
+    frame.update(rospy.Time(10), CORRECTION)
+    (transform,) = transforms
+    assert transform.header.frame_id == "robot1/odom"
+    assert transform.child_frame_id == "robot1/matched"
+    assert transform.header.stamp == rospy.Time(10, 100_000_000)
+    matched_in_odometry = conversions.pose_of(transform.transform)
+    assert compose(CORRECTION, matched_in_odometry) == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_it_is_broadcast_twenty_times_a_second_with_or_without_scans(broadcast):
+    frame, transforms = broadcast
+    for centiseconds in range(100):
+        frame.update(rospy.Time(10, centiseconds * 10_000_000), CORRECTION)
+    assert len(transforms) == 20
+    # The clock jumps back.
+    frame.update(rospy.Time(3), CORRECTION)
+    assert len(transforms) == 20
+    frame.forget()
+    frame.update(rospy.Time(3), CORRECTION)
+    assert transforms[-1].header.stamp == rospy.Time(3, 100_000_000)
+
+
+def test_nothing_is_broadcast_before_a_simulated_clock_starts(broadcast):
+    frame, transforms = broadcast
+    frame.update(rospy.Time(0), CORRECTION)
+    assert transforms == []
+
+
+def global_frame(**parameters):
+    """Return the frame of the global costmap of a node with private parameters."""
+    tree, _ = with_robot({"robot": "turtlebot3_waffle_pi", **parameters})
+    assert check(tree) == []
+    return tree["global_costmap"]["global_frame"]
+
+
+def test_the_global_costmap_is_in_the_frame_unless_there_is_a_map_or_the_user_says_otherwise():
+    assert global_frame() == global_frame(matched=False) == "odom"
+    assert global_frame(matched=True) == "matched"
+    assert global_frame(matched=True, tf_prefix="robot1") == "robot1/matched"
+    assert global_frame(matched=True, map=True) == "map"
+    assert global_frame(matched=True, global_costmap={"global_frame": "odom"}) == "odom"
+
+
+@pytest.mark.parametrize(
+    ("awaits_monitor", "knows_frame", "is_taken"),
+    [(True, False, False), (True, True, True), (False, False, True)],
+)
+def test_a_goal_waits_for_the_monitors_first_transform(
+    awaits_monitor, knows_frame, is_taken, monkeypatch
+):
+    warnings = []
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda _, line: warnings.append(line))
+    node = MagicMock(_awaits_monitor=awaits_monitor, frame="matched")
+    node._can_take_goals = lambda: MoveBaseNode._can_take_goals(node)
+    node.sensors.place_of.return_value = (0.0, 0.0, 0.0) if knows_frame else None
+    node.goals.is_new_goal_available.return_value = True
+    node.goals.is_active.return_value = False
+    node._checked_goal.return_value = (1.0, 2.0, 0.0)
+    node._set_goal = node.move_base.set_goal
+    MoveBaseNode._take_goals(node, rospy.Time(10), 10.0)
+    assert node.goals.accept_new_goal.called == node.move_base.set_goal.called == is_taken
+    line = "a goal waits for frame matched of the collision monitor: start the monitor"
+    assert warnings == ([] if is_taken else [line])
+
+
+def test_a_monitor_that_starts_again_begins_another_frame():
+    restart = FrameRestart()
+    assert restart.take(10.0, CORRECTION) is None
+    # A scan corrects the odometry, and later tf is late.
+    assert restart.take(10.05, (0.56, -0.2, 0.3)) is None
+    assert restart.take(13.0, (0.55, -0.2, 0.3)) is None
+    # The odometry goes on, so that a place in the old frame is known in the new one.
+    change = restart.take(16.0, (0.0, 0.0, 0.0))
+    place_in_old_frame = compose((0.55, -0.2, 0.3), (2.0, 1.0, 0.4))
+    assert compose(change, place_in_old_frame) == pytest.approx((2.0, 1.0, 0.4))
+    assert restart.take(19.0, (0.0, 0.0, 0.0)) is None
+
+
+def test_another_drive_begins_no_frame():
+    restart = FrameRestart()
+    restart.take(10.0, CORRECTION)
+    restart.forget()
+    assert restart.take(2.0, (0.0, 0.0, 0.0)) is None
+
+
+def test_goal_and_maps_follow_a_monitor_that_starts_again(monkeypatch):
+    warnings = []
+    monkeypatch.setattr(rospy, "logwarn", lambda line, *values: warnings.append(line % values))
+    node = MagicMock(frame="matched", _odometry_frame="odom", _frame_restart=FrameRestart())
+    node.move_base.goal = compose(CORRECTION, (2.0, 1.0, 0.4))
+    node.sensors.place_of.return_value = CORRECTION
+    MoveBaseNode._follow_monitor(node, rospy.Time(10))
+    assert not node.move_base.clear_costmaps.called
+    node.sensors.place_of.return_value = (0.0, 0.0, 0.0)
+    MoveBaseNode._follow_monitor(node, rospy.Time(15))
+    assert node.move_base.clear_costmaps.called
+    ((goal, stamp, _),) = (call.args for call in node._set_goal.call_args_list)
+    assert goal == pytest.approx((2.0, 1.0, 0.4))
+    assert stamp == rospy.Time(15)
+    (warning,) = warnings
+    assert warning.startswith("the collision monitor has started again: the goal moves")
+
+
+def test_an_error_of_the_monitor_does_not_move_its_frame(monkeypatch):
+    monkeypatch.setattr(rospy, "logerr_throttle", MagicMock())
+    node = MagicMock(monitor=CollisionMonitor())
+    node.monitor.matched_frame.correction = CORRECTION
+    CollisionMonitorNode._fail(node, ValueError("a test"))
+    assert node.monitor.matched_frame.correction == CORRECTION
