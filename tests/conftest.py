@@ -153,8 +153,13 @@ def pytest_runtest_logstart():
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item):
+def pytest_runtest_makereport(item, call):
     report = yield
+    if report.failed and item.config.option.quick:
+        package = quick.missing_simulator(call.excinfo.value)
+        if package:
+            report.outcome = "skipped"
+            report.longrepr = (str(item.path), 1, "Skipped: no %s here" % package)
     # pytest-xdist transfers this attribute to the process that prints.
     report.processor_s = spent()
     item.has_failed = report.failed or getattr(item, "has_failed", False)

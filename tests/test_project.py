@@ -75,6 +75,9 @@ def test_computes_long():
 
 def test_starts_a_process():
     subprocess.run([sys.executable, "--version"], check=True)
+
+def test_needs_a_simulator():
+    raise ModuleNotFoundError(name="pybullet")
 """
 PRODUCT = ("applr_ros1", "sim_bridge", "training", "worlds")
 NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
@@ -125,7 +128,7 @@ def test_quick_leaves_out_what_is_heavy_needs_ros_or_starts_a_process(tmp_path):
         timeout=HANGS,
     )
     assert finished.returncode == 0, finished.stdout + finished.stderr
-    assert "1 passed, 2 skipped" in finished.stdout
+    assert "1 passed, 3 skipped" in finished.stdout
 
 
 def test_package_xml_declares_the_ros_packages_that_are_imported():

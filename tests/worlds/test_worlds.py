@@ -101,6 +101,7 @@ def test_the_path_of_the_physical_course_keeps_from_its_boxes():
 
 # -- commands
 def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
     picture = tmp_path / "out.png"
     world_file = tmp_path / "out.world"
     for main, written_file, first_bytes in (

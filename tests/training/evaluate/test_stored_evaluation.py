@@ -1,8 +1,11 @@
 """Test that the report of the evaluation in tests/golden/evaluation equals the stored report letter
 by letter.
 
-After a deliberate change, `python -m tests.training.evaluate.test_stored_evaluation` rewrites
-report.txt.
+The trials were driven by evaluate.py: worlds generated:0 to 11 and physical_course, methods dwa,
+static and applr, two trials each in PyBullet; evaluation.json has all settings. report.txt is what
+the report said of them when a person read it; test_training_report.py compares its statistics with
+scipy's. After a deliberate change, `python -m tests.training.evaluate.test_stored_evaluation`
+rewrites report.txt.
 """
 
 import shutil
