@@ -1,17 +1,20 @@
-"""Test of the robot's model and of the camera on the viewer's page."""
+"""Test of the robot's model and the camera on the viewer's page, and of its calls of services."""
 
 import asyncio
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+import rospy
 
 from applr_ros1.robots import JACKAL
 
 scene = pytest.importorskip("applr_ros1.nodes.viewer.scene")
 shapes = pytest.importorskip("applr_ros1.nodes.viewer.shapes")
+listening = pytest.importorskip("applr_ros1.nodes.viewer.listening")
 
 
 @pytest.mark.parametrize("is_round", [False, True])
@@ -68,3 +71,33 @@ def test_a_camera_that_the_user_has_moved_follows_the_robot():
     view.follow(camera, (0.0, 0.0, 0.0))
     # Then: the camera is behind the robot again
     np.testing.assert_allclose(camera.position, (-3.5, 0.0, 2.5))
+
+
+@pytest.mark.parametrize(
+    ("answer", "lines"),
+    [
+        ("success", []),
+        ("refusal", ["it is busy"]),
+        ("failure", ["/applr/enable: it has died"]),
+        ("silence", ["/applr/enable does not answer"]),
+    ],
+)
+def test_a_service_that_fails_or_never_answers_is_reported(answer, lines, monkeypatch):
+    is_over = threading.Event()
+
+    def service(request):
+        if answer == "failure":
+            raise rospy.ServiceException("it has died")
+        if answer == "silence":  # as that of a stopped process
+            is_over.wait()
+        return SimpleNamespace(success=request and answer == "success", message="it is busy")
+
+    reported = []
+    monkeypatch.setattr(listening, "WORK_S", 0.05 if answer == "silence" else 10.0)
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name)
+    monkeypatch.setattr(rospy, "wait_for_service", lambda *_: None)
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda *_: service)
+    has_succeeded = listening.call(reported.append, "applr/enable", None, True)
+    is_over.set()
+    assert has_succeeded == (answer == "success")
+    assert reported == lines
