@@ -9,6 +9,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
 
 logging.getLogger("rospy").setLevel(logging.WARNING)  # autodoc imports nodes
+logging.getLogger("applr_ros1").setLevel(logging.WARNING)  # the site's style logs what others do
 project = "applr_ros1"
 author = "applr_ros1 contributors"
 copyright = "applr_ros1 contributors, MIT licence"  # noqa: A001 (the name that Sphinx reads)

@@ -1,1 +1,1 @@
-"""Why a robot stopped, as the robot alone can say: events, reasons, replay and guesses."""
+"""Robot side of why a robot stopped: events, reasons, replay and guesses."""

@@ -5,6 +5,8 @@ import os
 import re
 import shlex
 import shutil
+import signal
+import subprocess
 import threading
 from types import SimpleNamespace
 
@@ -381,6 +383,29 @@ def test_the_demo_ends_when_a_node_has_died(monkeypatch):
         monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
         stack = launcher.LaunchedNodes({}, 11311, "/tmp")
         refused(lambda stack=stack: stack.wait("applr", lambda: False), "^" + problem)
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_roslaunch_that_does_not_end_is_killed(hangs, monkeypatch, capfd):
+    signals = []
+
+    def wait(timeout=None):
+        if hangs and "kill" not in signals:
+            assert timeout is not None, "it would wait forever"
+            raise subprocess.TimeoutExpired("roslaunch", timeout)
+
+    process = SimpleNamespace(
+        stderr=[],
+        poll=lambda: None,
+        send_signal=signals.append,
+        kill=lambda: signals.append("kill"),
+        wait=wait,
+    )
+    monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, **__: process)
+    monkeypatch.setattr(launcher.rospy, "signal_shutdown", lambda _: None)
+    launcher.LaunchedNodes({}, 11311, "/tmp").stop()
+    assert signals == [signal.SIGINT, *(["kill"] if hangs else [])]
+    assert ("did not end within 60 s" in capfd.readouterr().out) == hangs
 
 
 def test_a_master_that_does_not_start_is_one_line(monkeypatch, capfd):

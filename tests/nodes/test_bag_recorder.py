@@ -49,7 +49,8 @@ def scene(monkeypatch):
         return SimpleNamespace(getBusInfo=bus_info)
 
     monkeypatch.setattr(rospy, "get_name", lambda: "/robot1/send_goal")
-    monkeypatch.setattr(rospy, "resolve_name", lambda name: "/robot1/" + name)
+    # In the demo, whose argument record:=drive.bag rospy takes for a remapping
+    monkeypatch.setattr(rospy, "resolve_name", lambda _: "/robot1/drive.bag")
     parameters = {"record/unrecorded": ".*/costmap(_updates)?|/clock"}
     monkeypatch.setattr(rospy, "get_param", parameters.get)
     monkeypatch.setattr(rosgraph, "Master", lambda _: Master())

@@ -1,19 +1,24 @@
-"""Test of the robot's model, costmaps and the camera on the viewer's page."""
+"""Test of the robot's model, costmaps and the camera on the viewer's page, and of its calls of
+services.
+"""
 
 import asyncio
 import math
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+import rospy
 from nav_msgs.msg import OccupancyGrid
 
 from applr_ros1.robots import JACKAL
 
 scene = pytest.importorskip("applr_ros1.nodes.viewer.scene")
 shapes = pytest.importorskip("applr_ros1.nodes.viewer.shapes")
+listening = pytest.importorskip("applr_ros1.nodes.viewer.listening")
 
 
 @pytest.mark.parametrize("is_round", [False, True])
@@ -88,3 +93,33 @@ def test_a_costmap_turns_with_its_frame():
     assert image.position == pytest.approx((1.0 - 1.0, 2.0 + 12.0, 0.01))
     half = math.sqrt(0.5)
     assert image.wxyz == pytest.approx([half, 0.0, 0.0, half])
+
+
+@pytest.mark.parametrize(
+    ("answer", "lines"),
+    [
+        ("success", []),
+        ("refusal", ["it is busy"]),
+        ("failure", ["/applr/enable: it has died"]),
+        ("silence", ["/applr/enable does not answer"]),
+    ],
+)
+def test_a_service_that_fails_or_never_answers_is_reported(answer, lines, monkeypatch):
+    is_over = threading.Event()
+
+    def service(request):
+        if answer == "failure":
+            raise rospy.ServiceException("it has died")
+        if answer == "silence":  # as that of a stopped process
+            is_over.wait()
+        return SimpleNamespace(success=request and answer == "success", message="it is busy")
+
+    reported = []
+    monkeypatch.setattr(listening, "WORK_S", 0.05 if answer == "silence" else 10.0)
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name)
+    monkeypatch.setattr(rospy, "wait_for_service", lambda *_: None)
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda *_: service)
+    has_succeeded = listening.call(reported.append, "applr/enable", None, True)
+    is_over.set()
+    assert has_succeeded == (answer == "success")
+    assert reported == lines

@@ -360,6 +360,29 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
     assert global_costmap["origin_x"] == -11.5
 
 
+CYLINDER = '<cylinder radius=".15" length=".1"/>'
+# Its corners lie within the cylinder's bounds, but not within the cylinder.
+CARRIER = link("carrier", '<box size=".28 .28 .05"/>') + joint("carrier", "-.05 0 .06")
+
+
+@pytest.mark.parametrize(
+    ("shape", "more", "is_round"),
+    [
+        (CYLINDER, "", True),
+        ('<box size=".3 .3 .1"/>', "", False),
+        (CYLINDER, CARRIER, False),
+    ],
+    ids=["cylinder", "box", "cylinder with corners"],
+)
+def test_a_body_is_round_if_it_lies_within_the_oval_of_its_bounds(shape, more, is_round, make):
+    hull = link("base_link", shape, 5.0, at="-.05 0 .06")
+    written = make(CART.replace(HULL, hull) + more)
+    assert written.status == 0, written.output
+    body = written.values["body"]
+    assert body["size"][:2] == pytest.approx([0.3, 0.3])
+    assert body.get("round", False) is is_round
+
+
 @pytest.mark.parametrize("frame", ["odom", "map"])
 def test_both_costmaps_may_be_in_one_frame_of_any_name(make, frame):
     # Without a static layer, the frame is that of the odometry.

@@ -3,6 +3,7 @@ robots drive.
 """
 
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -10,8 +11,9 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.layers import arranged
+from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.policy import methods
-from applr_ros1.robots.robot import number_at
+from applr_ros1.robots.robot import MoveBaseSetup, number_at
 from training.env.settings import TrialSettings
 from training.evaluate import runner
 from training.evaluate.loaded import loadable_space, move_base_parameters
@@ -70,3 +72,22 @@ def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     for index, target in space.addresses:
         served_value = number_at(parameters, target.server, target.names)
         assert served_value == target.signed(theta[index])
+
+
+def test_the_obstacle_range_of_a_set_holds_with_and_without_a_map():
+    robot = robots.load("jackal")
+    # With a map, the layer of the laser has another name.
+    laser = {"data_type": "LaserScan", "topic": "front/scan", "marking": True, "clearing": True}
+    mapped_costmap = {
+        "plugins": [{"name": "seen", "type": "costmap_2d::ObstacleLayer"}],
+        "seen": {"observation_sources": "scan", "scan": laser},
+    }
+    without_map = robot.parameters()
+    with_map = {**without_map, "local_costmap": mapped_costmap}
+    robot = replace(robot, move_base=MoveBaseSetup(without_map, with_map))
+
+    tuned = move_base_parameters(robot, {}, obstacle_range=4.0)
+
+    for setup in robot.move_base:
+        marked_ranges = [source.obstacle_range for source in laser_sources(merged(setup, tuned))]
+        assert marked_ranges == [4.0, 4.0]

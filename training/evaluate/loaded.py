@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Dict, Mapping, Optional, Tuple
 
-from applr_ros1.common.trees import branch
+from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import shapes_at_start
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import seeing
@@ -36,7 +36,10 @@ def move_base_parameters(
     start_up: Dict[str, Any] = {}
     tree = robot.parameters()
     if obstacle_range is not None:
-        start_up = seeing(tree, obstacle_range)
+        # The file may be loaded with a map, and without one.
+        for setup in robot.move_base:
+            if setup is not None:
+                start_up = merged(start_up, seeing(setup, obstacle_range))
     space = loadable_space(robot)
     numbers = space.as_dict(space.from_dict(dict(values)))
     for index, target in space.chosen.addresses:

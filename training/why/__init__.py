@@ -1,1 +1,1 @@
-"""What a desk adds to applr_ros1/why (./applr why): drives in the world seen, remedies, pages."""
+"""Desk side of applr_ros1/why (./applr why): drives in the world that was seen, remedies, pages."""

@@ -31,7 +31,8 @@ class BagRecorder:
     """
 
     def __init__(self, name: str):
-        self._name = rospy.resolve_name(name)
+        # rospy.resolve_name would take the demo's argument record:=FILE for a remapping of it.
+        self._name = rosgraph.names.resolve_name(name, rospy.get_name())
         self._unrecorded = re.compile(str(rospy.get_param(name + "/unrecorded")))
         self._master = rosgraph.Master(rospy.get_name())
         self._last_time = time.monotonic() + PATIENCE_S

@@ -32,6 +32,8 @@ from applr_ros1.robots import NAMES
 
 # Longest wall time for a part to start, with the compilation of kernels on a busy machine [s]
 UP_WITHIN_S = 900.0
+# Longest wall time in which roslaunch, after SIGINT, ends the nodes, of which each takes 2.5 s [s]
+ENDED_WITHIN_S = 60.0
 COMPILES = "waiting for {} (the first start compiles code, which takes about a minute)"
 LAUNCH_FILE = ("applr_ros1", "jackal_applr.launch")
 # roslaunch's line about a node that has died
@@ -210,9 +212,14 @@ class LaunchedNodes:
                 time.sleep(pause)
 
     def stop(self) -> None:
-        """End all processes."""
+        """End all processes: roslaunch ends the nodes, unless it does not end itself."""
         self._is_ending = True
         # Clients of this process would otherwise complain about the master that goes away.
         rospy.signal_shutdown("the program that started the stack has ended")
         self._process.send_signal(signal.SIGINT)
-        self._process.wait()
+        try:
+            self._process.wait(ENDED_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            report(f"roslaunch did not end within {ENDED_WITHIN_S:g} s: end its nodes yourself")

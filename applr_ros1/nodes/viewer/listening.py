@@ -6,9 +6,12 @@ There are no subscriptions while no page is open.
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
+from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 from rospy.numpy_msg import numpy_msg
@@ -23,6 +26,7 @@ from applr_ros1.policy.layout import ObservationError
 KEPT_MESSAGES = 50  # largest number of unread messages of a topic
 TOUCHED_S = 0.5  # wall time for which an element keeps its value after a change by the user [s]
 ANSWER_S = 1.0  # longest wall time to wait for a service [s]
+WORK_S = 10.0  # longest wall time that a service may take, such as to load a method [s]
 Report = Callable[[str], None]  # shows one line to all clients
 
 
@@ -140,7 +144,7 @@ def call(report: Report, name: str, kind: Any, *request: Any) -> bool:
     name = rospy.resolve_name(name)
     try:
         rospy.wait_for_service(name, ANSWER_S)
-        answer = rospy.ServiceProxy(name, kind)(*request)
+        answer = _answer(rospy.ServiceProxy(name, kind), request)
         problem = ""
         if not getattr(answer, "success", True):
             problem = answer.message or f"{name} refuses"
@@ -151,3 +155,27 @@ def call(report: Report, name: str, kind: Any, *request: Any) -> bool:
     if problem:
         report(problem)
     return not problem
+
+
+def _answer(service: Callable[..., Any], request: Sequence[Any]) -> Any:
+    """Return the answer of a service.
+
+    A stopped process accepts calls without ever answering, and rospy has no time-out.
+
+    Raises:
+        rospy.ROSException: There is no answer within WORK_S.
+        rospy.ServiceException: The service failed.
+    """
+    answer: Future[Any] = Future()
+
+    def ask() -> None:
+        try:
+            answer.set_result(service(*request))
+        except Exception as error:
+            answer.set_exception(error)
+
+    threading.Thread(target=ask, name="service", daemon=True).start()
+    try:
+        return answer.result(WORK_S)
+    except FutureTimeout:
+        raise rospy.ROSException(f"no answer within {WORK_S:g} s") from None

@@ -30,6 +30,8 @@ LEAST_UPRIGHT_COS = 0.7  # cosine of the tilt up to which an axis counts as vert
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
 LEAST_MASS_KG = 0.01  # smaller masses are placeholders, as in a URDF for RViz alone [kg]
 CLEARANCE_M = 0.005  # smallest ground clearance of a body; lower shapes are supports [m]
+# Squared distance, in half axes, up to which a point counts as within an oval: 1 with rounding
+SQUARED_OVAL = 1.02
 _TAGS = {  # tags of a ray sensor by field of robot.yaml
     "beams": ".//horizontal/samples",
     "first_angle": ".//horizontal/min_angle",
@@ -252,6 +254,17 @@ def _extent(shapes: List[Array]) -> Tuple[Array, Array]:
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
+def _is_upright_cylinder(shapes: List[Array]) -> bool:
+    """Return whether shapes, seen from above, lie within the oval that fills their bounds."""
+    lowest, highest = _extent(shapes)
+    centre = (lowest + highest) / 2
+    half_size = (highest - lowest) / 2
+    # Positions with the half axes as units: a box has corners at a squared distance of 2.
+    scaled = ((np.concatenate(shapes) - centre) / half_size)[:, :2]
+    squared_distances = np.square(scaled).sum(axis=1)
+    return bool(squared_distances.max() < SQUARED_OVAL)
+
+
 def _body(
     urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description
 ) -> None:
@@ -289,6 +302,8 @@ def _body(
         body["size"] = (highest - lowest).tolist()
         body["centre"] = ((lowest + highest) / 2)[:2].tolist()
         body["bottom"] = float(lowest[2])
+        if _is_upright_cylinder(shapes):
+            body["round"] = True
         _note_excluded_links(urdf, joints, description.notes)
         return
     description.notes.append(f"outline not identified: {problem}; fill it in")

@@ -20,6 +20,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, reading, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import load
+from applr_ros1.robots import JACKAL, Robot
 from training.common.folders import make_folder
 from training.env.trajectory import Trajectory, TransitionLayout
 from training.train.learner.config import LearnerOptions
@@ -42,6 +43,7 @@ class Learner:
         rows: Capacity of the replay buffer.
         init_from: Run folder or policy file whose networks are taken over, unless `folder` has a
             checkpoint or there is an `action`.
+        robot: Robot that a policy file must fit.
         action: Action (m,) in [-1, 1] that the untrained policy returns for every observation, or
             None.
         dataset: Experience of an offline run. It makes no gradient steps due.
@@ -61,6 +63,7 @@ class Learner:
         folder: os.PathLike[str] | str,
         rows: int,
         init_from: str = "",
+        robot: Robot = JACKAL,
         action: Optional[Array] = None,
         dataset: Optional[Dataset] = None,
     ):
@@ -95,7 +98,7 @@ class Learner:
             self.td3.begin_at(action)
         elif init_from.endswith(".safetensors"):
             with reading(init_from):
-                self.td3.begin_with(policy_network(init_from))
+                self.td3.begin_with(policy_network(init_from, robot))
         elif init_from:
             self._begin_with(Path(init_from))
         # Value of replay.written up to which rows are saved in files
@@ -225,14 +228,14 @@ class Learner:
             self.td3.load(torch.load(state_buffer, self.td3.device, weights_only=True))
 
 
-def policy_network(path: str) -> ActorWeights:
+def policy_network(path: str, robot: Robot) -> ActorWeights:
     """Return the first network of a policy file; the second may be its mirror image.
 
     Raises:
-        ApplrError: The file is not a policy.
+        ApplrError: The file is not a policy, or one for another robot.
     """
     weights = {}
-    for layer, (weight, bias) in enumerate(load(path).layers):
+    for layer, (weight, bias) in enumerate(load(path, robot).layers):
         if weight.ndim == 3:  # (networks, out, in)
             weight = weight[0]
             bias = bias[0]

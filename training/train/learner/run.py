@@ -85,6 +85,7 @@ class TrainingRun:
             self.folder,
             rows,
             init_from=config.init_from,
+            robot=config.robot,
             action=action,
             dataset=dataset,
         )

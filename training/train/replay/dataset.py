@@ -86,7 +86,10 @@ def describe(transitions: int, seconds: float) -> str:
         transitions: Number of transitions.
         seconds: Duration of these decisions [s].
     """
-    return f"{transitions} transitions in {seconds / 3600.0:.2g} h of driving; {EXPECTATION}"
+    prospect = EXPECTATION
+    if transitions < FEWEST_TRANSITIONS:
+        prospect = f"train.py needs at least {FEWEST_TRANSITIONS}, better those of an hour"
+    return f"{transitions} transitions in {seconds / 3600.0:.2g} h of driving; {prospect}"
 
 
 class Dataset:
