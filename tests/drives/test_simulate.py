@@ -681,6 +681,7 @@ def test_a_pilot_begins_each_drive_anew():
     pilot = Pilot(methods.RandomParameters(), JACKAL, 1.0)
     simulated = jackal()
     first_drive, first_motion = short_drive(pilot, simulated)
+    assert first_drive.scans is None, "columns that nobody asked for take memory"
     second_drive, second_motion = short_drive(pilot, simulated)
     assert np.array_equal(first_motion, second_motion)
     first_sets = [decision.after for decision in first_drive.decisions]
