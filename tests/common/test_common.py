@@ -266,3 +266,5 @@ def test_a_path_is_created_through_an_empty_section():
     branch(tree, "local_costmap/inflation", create=True)["inflation_radius"] = 0.4
     assert tree == {"local_costmap": {"inflation": {"inflation_radius": 0.4}}}
     assert branch({"a": 1}, "a/b") == {}
+    assert branch(tree, "global_costmap") == {}
+    assert "global_costmap" not in tree, "a path that is only read was created"

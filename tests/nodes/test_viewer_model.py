@@ -1,4 +1,4 @@
-"""Test of the robot's model and of the camera on the viewer's page."""
+"""Tests of the robot's model, of its place and of the camera on the viewer's page."""
 
 import asyncio
 from dataclasses import replace
@@ -29,6 +29,14 @@ def test_a_round_body_is_shown_as_a_cylinder(is_round):
         diameter = 2.0 * shown_body["radius"]
         assert [diameter * scale for scale in shown_body["scale"]] == [0.6, 0.5, 1.0]
         assert shown_body["height"] == 0.2
+
+
+def test_a_handle_is_put_on_the_ground_with_the_heading_of_the_pose():
+    handle = SimpleNamespace()
+    shapes.put(handle, (1.0, 2.0, np.pi / 2.0))
+    assert handle.position == (1.0, 2.0, 0.0)
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(handle.wxyz, (half, 0.0, 0.0, half), atol=1e-12)
 
 
 def camera_at(position, look_at):
