@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common import angles, files
-from applr_ros1.common.arguments import number_within
+from applr_ros1.common.arguments import boolean, number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
 from applr_ros1.common.progress import announced
@@ -101,6 +101,14 @@ def test_numbers_beyond_their_bounds_are_refused():
             number_within("speed", refused_value, 0.0, 2.0)
 
 
+@pytest.mark.parametrize(
+    ("text", "value"), [("True", True), ("1", True), ("false", False), ("0", False)]
+)
+def test_booleans_are_those_of_launch_files(text, value):
+    assert boolean("record", text) is value
+    refused(lambda: boolean("record", text + "s"), f"record is {text}s: give true or false")
+
+
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])
 def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
     # A quaternion's length does not matter.
@@ -148,6 +156,14 @@ def test_an_error_names_the_line_that_raised_it(tmp_path):
         load_module(str(tmp_path / "theirs.py"))
     assert one_line(raised.value) == "KeyError: 'v' (theirs.py, line 2)"
     assert one_line(ApplrError("9 is not 8")) == "9 is not 8"
+
+
+def test_files_of_the_same_name_are_two_modules(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.py").write_text(f"its_folder = {folder!r}\n")
+        module = load_module(str(tmp_path / folder / "mine.py"))
+        assert module.its_folder == folder
 
 
 def test_failed_work_is_not_reported_as_done():
@@ -250,3 +266,5 @@ def test_a_path_is_created_through_an_empty_section():
     branch(tree, "local_costmap/inflation", create=True)["inflation_radius"] = 0.4
     assert tree == {"local_costmap": {"inflation": {"inflation_radius": 0.4}}}
     assert branch({"a": 1}, "a/b") == {}
+    assert branch(tree, "global_costmap") == {}
+    assert "global_costmap" not in tree, "a path that is only read was created"

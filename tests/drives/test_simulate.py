@@ -682,6 +682,7 @@ def test_a_pilot_begins_each_drive_anew():
     pilot = Pilot(methods.RandomParameters(), JACKAL, 1.0)
     simulated = jackal()
     first_drive, first_motion = short_drive(pilot, simulated)
+    assert first_drive.scans is None, "columns that nobody asked for take memory"
     second_drive, second_motion = short_drive(pilot, simulated)
     assert np.array_equal(first_motion, second_motion)
     first_sets = [decision.after for decision in first_drive.decisions]
@@ -696,8 +697,9 @@ def test_a_decision_may_clear_the_costmaps_before_it_takes_effect(monkeypatch):
     move_base = simulated.stack.move_base
     monkeypatch.setattr(move_base, "clear_costmaps", lambda: clearings.append(course_drive.seconds))
     course_drive = begun(simulated, worlds.load("generated:60"), period=1.0)
-    for clears in (False, True, False):
-        course_drive.decide(SPACE.theta0, clears_costmaps=clears)
+    # They stay unless a decision says so.
+    for options in ({}, {"clears_costmaps": True}, {"clears_costmaps": False}):
+        course_drive.decide(SPACE.theta0, **options)
         course_drive.advance()
     assert clearings == [pytest.approx(1.0)]
     assert [decision.cleared for decision in course_drive.drive.decisions] == [False, True, False]

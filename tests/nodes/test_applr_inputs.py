@@ -166,6 +166,13 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.plan(1.0)
     assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
+    # Only its end tells for which of two goals a plan is: on its way it passes the former one.
+    beside.goal("five", 1.0)
+    beside.now += 0.6
+    beside.goal("six", 5.0)
+    beside.plan(5.0)
+    assert beside.snapshot().seen.plan[-1, 0] == 5.0
+
 
 def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
     beside.goal("one", 5.0)

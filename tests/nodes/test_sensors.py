@@ -2,6 +2,7 @@
 that jump back.
 """
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -216,6 +217,13 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeyp
     assert robot.sensors.pose(next_time, 0.3)[0] == pytest.approx(0.52 - jump)
     assert robot.sensors.observations()
     assert not robot.sensors.odometry_trouble(next_time, 0.5)
+
+
+def test_a_velocity_of_which_one_number_is_not_finite_is_ignored(robot):
+    robot.odometry(100.0, 0.5)
+    robot.odometry(100.1, math.nan)
+    assert robot.sensors.twist == (0.5, 0.0)
+    assert "its twist (nan, 0.0) is not finite" in robot.lines[-1]
 
 
 def test_ages_are_those_of_the_messages_in_use(robot):

@@ -38,6 +38,14 @@ def test_a_round_body_is_shown_as_a_cylinder(is_round):
         assert shown_body["height"] == 0.2
 
 
+def test_a_handle_is_put_on_the_ground_with_the_heading_of_the_pose():
+    handle = SimpleNamespace()
+    shapes.put(handle, (1.0, 2.0, np.pi / 2.0))
+    assert handle.position == (1.0, 2.0, 0.0)
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(handle.wxyz, (half, 0.0, 0.0, half), atol=1e-12)
+
+
 def camera_at(position, look_at):
     """Return a camera as a page reports it."""
     return SimpleNamespace(position=np.array(position), look_at=np.array(look_at))

@@ -24,10 +24,13 @@ def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(rep
 
 def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
     begin_times = []
+    other_times = []
 
     def best_changes(replay, changes, cycles, others):
         for cycle in cycles:
             begin_times.append(cycle.at)
+        for cycle in others:
+            other_times.append(cycle.at)
         return []
 
     monkeypatch.setattr(alternatives, "best_changes", best_changes)
@@ -35,6 +38,9 @@ def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
     # The event of a moment is half a second around it. The way into it counts from 2 s before.
     assert min(begin_times) == pytest.approx(2.5, abs=0.1)
     assert max(begin_times) == pytest.approx(5.5, abs=0.1)
+    # What a change does elsewhere is tried from outside of the event.
+    assert len(other_times) > 5
+    assert not any(4.5 <= time <= 5.5 for time in other_times)
 
 
 def test_driving_on_follows_the_commands(replay):

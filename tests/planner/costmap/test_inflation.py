@@ -27,6 +27,7 @@ def blank(columns, rows):
 
 
 RADII = (0.1, 0.3, 0.6, 1.25, 1.5)  # [m]
+MOST_SHIFT = 4  # [cells]
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(RADII), st.floats(0.005, 0.3))
@@ -66,6 +67,42 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
         inflate(expected, window, 0.05, 0.265, layer.parameters)
         np.testing.assert_array_equal(master, expected)
         assert_within(master_before != master, changed)
+
+
+def moved(cells, shift_x, shift_y):
+    """Return the cells of a map that has moved by (shift_x, shift_y) cells over free space."""
+    padded = np.pad(cells, MOST_SHIFT)
+    rows, columns = cells.shape
+    first_row = MOST_SHIFT + shift_y
+    first_column = MOST_SHIFT + shift_x
+    return padded[first_row : first_row + rows, first_column : first_column + columns].copy()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6)))
+@examples(40)
+def test_repairs_of_a_map_that_moves_equal_spreading_anew(seed, radius):
+    rng = np.random.default_rng(seed)
+    layer = make(80, 74, InflationParameters(radius, 3.0))
+    master = blank(80, 74)
+    for _ in range(8):
+        # Given: the map has moved, and a window in its middle has other obstacles
+        shift_x, shift_y = rng.integers(-MOST_SHIFT, MOST_SHIFT + 1, 2)
+        layer.roll(shift_x, shift_y)
+        master = moved(master, shift_x, shift_y)
+        left, bottom = rng.integers(24, 34, 2)
+        right = left + rng.integers(1, 20)
+        top = bottom + rng.integers(1, 14)
+        base = master.copy()
+        is_obstacle = rng.random((top - bottom, right - left)) < 0.02
+        base[bottom:top, left:right] = np.where(is_obstacle, 254, 0)
+
+        # When: the layer repairs its spread
+        expected = base.copy()
+        layer.update(master, base, (left, bottom, right, top))
+
+        # Then: the map is that of a new spread
+        inflate(expected, (left, bottom, right, top), 0.05, 0.265, layer.parameters)
+        np.testing.assert_array_equal(master, expected)
 
 
 def spread_as_in_cpp(master, radius):

@@ -545,6 +545,12 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
             assert stored_bytes == getattr(expected, field_name).tobytes()
 
 
+def test_of_a_folder_only_its_bags_are_read(tmp_path):
+    for file_name in ("b.bag", "a.bag", "notes.txt"):
+        (tmp_path / file_name).touch()
+    assert bags_in([tmp_path]) == [tmp_path / "a.bag", tmp_path / "b.bag"]
+
+
 def test_code_in_a_message_definition_is_not_run(tmp_path):
     """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"

@@ -231,8 +231,8 @@ def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
 def test_commands_without_a_plan_or_after_the_goal_have_none():
     drive = straight(2.0, 1.0)
     drive.routes = Plans(np.array([0.5]), drive.routes.path)
-    # The route comes after 0.5 s, and the goal is reached after 1.5 s of the 2 s.
-    drive.goals = [Goal("g", 0.0, 1.5)]
+    # The route comes after 0.5 s, and the second of two goals is reached after 1.5 s of the 2 s.
+    drive.goals = [Goal("g", 0.0, 0.8), Goal("h", 0.9, 1.5)]
     times = followed(drive).time
     assert times.min() == pytest.approx(0.5)
     assert times.max() == pytest.approx(1.5)
