@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import shlex
@@ -13,6 +14,8 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Dict
+
+from applr_ros1.common.extras import OURS
 
 # Root of the checkout, even if imported through a catkin workspace
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,6 +72,19 @@ def commit() -> str:
     except (OSError, subprocess.SubprocessError):
         return "unknown"
     return answer.stdout.strip()
+
+
+def source_hash() -> str:
+    """Return a hash of all sources of this package's Python code.
+
+    It tells states of a checkout apart that have one commit.
+    """
+    digest = hashlib.sha256()
+    for package_name in OURS:
+        for source_file in sorted((ROOT / package_name).rglob("*.py")):
+            digest.update(str(source_file.relative_to(ROOT)).encode())
+            digest.update(source_file.read_bytes())
+    return digest.hexdigest()
 
 
 def _cpu() -> str:

@@ -3,7 +3,8 @@
 Run it as `./applr why BAG` or `python -m training.why BAG`. The recorded drive is replayed through
 move_base's local planner, cycle by cycle. Changes of parameters are then driven in simulation, in
 the world that the laser saw. With two bags, it reports which parameters differ and which of them
-explains the difference.
+explains the difference. Of a folder, or of more bags, it makes a logbook: where, why and when time
+was lost, and which change would help most. The answers are kept beside the bags (BAG.why.json).
 """
 
 from __future__ import annotations
@@ -12,28 +13,31 @@ import json
 import sys
 from functools import partial
 from pathlib import Path
-from typing import List, Optional
+from typing import Any, Dict, Iterable, List, Optional, Sequence
 
 from tqdm import tqdm
 
-from applr_ros1.common.errors import run_main
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
-from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.replay import Replay, Watch
-from training.common.command_line import parsed
+from training.common.command_line import continuable, parsed
 from training.common.options import argument, option
 
 with extra(__name__):
-    from training.bags.read import bags_in
+    from training.bags.read import METADATA, bags_in
     from training.why.answer import Answer, lines_of, outside_lines
+    from training.why.common_change import change_for
     from training.why.comparison import compared
+    from training.why.logbook import logbook_of
+    from training.why.logbook_page import logbook_values, write_pages
+    from training.why.pages import drive_page
     from training.why.recorded import (
+        BagAnswerOptions,
         OtherPlannerError,
-        RecordedOptions,
         with_description,
     )
     from training.why.remedies import driven_trials, possible_guesses
@@ -41,24 +45,19 @@ with extra(__name__):
     from training.why.seen_world import seen_grid, write_map
     from training.why.values import outside_values, values_of
     from training.workers.pool import Pool
+    from worlds.map_reader import read_map
 
-REPLAYED = (
-    "The recorded drive was replayed through the local planner, cycle by cycle, on the map that "
-    "the laser built."
-)
-DRIVEN = (
-    "Changes were driven from the recorded start to the goal in simulation, in "
-    "the world that the laser saw: a change is advised only if it is a tenth faster with seeds "
-    "that did not choose it, and slower with none of them."
-)
-SCRIPTS = (Path(__file__).with_name("why.js"),)
+COMPARED = 2  # number of bags that are compared with each other
+# Style of the bars of a logbook, which only a terminal shows
+BAR: Dict[str, Any] = {"dynamic_ncols": True, "leave": False, "disable": None}
 
 
-class WhyOptions(RecordedOptions):
+class WhyOptions(BagAnswerOptions):
     """Options of a replay."""
 
     bag: List[str] = argument(
-        "Bag of a drive, of ROS 1 or ROS 2. Further bags are compared with the first."
+        "Bag of a drive, of ROS 1 or ROS 2. A second one is compared with it. Of a folder, or of "
+        "three bags and more, a logbook is made."
     )
     at: Optional[float] = option(
         None, "Time in the bag to explain, whatever happened then [s].", ge=0
@@ -66,9 +65,7 @@ class WhyOptions(RecordedOptions):
     out: str = option(
         "", "HTML page to write, with map, path, events and the trajectories of their cycles."
     )
-    quick: bool = option(
-        False, "Leave out the drives in simulation: only the replay ranks changes of parameters."
-    )
+    on: str = option("", "Map (map.yaml) under the drives on the page of a logbook.")
     map: str = option(
         "",
         "Map to write of what the laser saw, MAP.yaml, in which demo, evaluate and tune can drive.",
@@ -80,8 +77,12 @@ class WhyOptions(RecordedOptions):
 
 
 def run(options: WhyOptions) -> None:
-    """Replay the bags and print the diagnosis."""
+    """Replay the bags and print the diagnosis, or the logbook of many bags."""
     bag_paths = bags_in(options.bag)
+    is_folder = any(map(_holds_bags, options.bag))
+    if is_folder or len(bag_paths) > COMPARED:
+        _keep_logbook(bag_paths, options)
+        return
     # A bag of the black box says which robot drove.
     options = with_description(bag_paths[0], options)
     try:
@@ -109,18 +110,47 @@ def run(options: WhyOptions) -> None:
     answer_values = {**values_of(answer), "lines": lines}
     print(json.dumps(answer_values) if options.json_ else "\n".join(lines))
     if options.out:
-        driven_notes = [DRIVEN] if answer.trials is not None else []
-        page = Page(
-            kind=f"why · {first_replay.drive.name}",
-            title="Why did the robot stop or slow down?",
-            verdict=answer_values["happened"],
-            scripts=SCRIPTS,
-            data=answer_values,
-            measured=[answer_values["sure"], *first_replay.drive.notes, REPLAYED, *driven_notes],
-        )
-        write_bytes(options.out, page.html())
+        write_bytes(options.out, drive_page(answer_values).html())
 
 
+# -- many bags -------------------------------------------------------------------------------------
+def _holds_bags(path: str) -> bool:
+    """Return whether a path is a folder with bags, not a bag of ROS 2."""
+    return Path(path).is_dir() and not (Path(path) / METADATA).exists()
+
+
+def _keep_logbook(bag_paths: Sequence[Path], options: WhyOptions) -> None:
+    """Print the logbook of bags, and write its pages."""
+    for option_name in ("at", "map"):
+        if getattr(options, option_name):
+            raise ApplrError(f"--{option_name} is about one bag, there are several: give one bag")
+    floor_map = read_map(options.on) if options.on else None
+    given = {name: getattr(options, name) for name in options.model_fields_set}
+    bag_options = BagAnswerOptions(
+        **{name: value for name, value in given.items() if name in BagAnswerOptions.model_fields}
+    )
+    with continuable(), Pool(options.workers) as pool:
+        logbook = logbook_of(bag_paths, bag_options, pool, _bag_bar)
+        change = None
+        if not options.quick:
+            bar = tqdm(desc="drives in simulation", unit="drive", **BAR)
+            with bar:
+                change = change_for(logbook, bag_options, pool, bar.update)
+    for note in logbook.notes:
+        print(note, file=sys.stderr)
+    logged_values = logbook_values(logbook, change)
+    print(json.dumps(logged_values) if options.json_ else "\n".join(logged_values["lines"]))
+    if options.out:
+        write_pages(Path(options.out), logged_values, logbook, change, floor_map)
+
+
+def _bag_bar(calls: Iterable[Any], total: int, done: int) -> Iterable[Any]:
+    """Show the progress over bags."""
+    bar: Iterable[Any] = tqdm(calls, total=total, initial=done, unit="bag", **BAR)
+    return bar
+
+
+# -- one bag ---------------------------------------------------------------------------------------
 def _answer_from_outside(drive: Drive, odometry: Motion, options: WhyOptions) -> None:
     """Print what is known of a drive of a local planner that is not replayed."""
     found_events = seen_from_outside(drive, odometry, options.robot)

@@ -131,16 +131,21 @@ def stops_near(tried: Tried, event: Event, reach: float) -> bool:
 def tried_rows(answer: Answer) -> List[str]:
     """Return rows of what was driven, and of what the replay alone ranks."""
     rows: List[str] = []
-    trials = answer.trials
-    if trials is not None:
-        rows.append(f"Driven in simulation ({trials.recorded} with the recorded values):")
-        judged = {entry.candidate: entry for entry in trials.judged}
-        for tried in trials.tried[:LISTED]:
-            table_row = f"   {tried.candidate}: {tried}"
-            if tried.candidate in judged:
-                table_row += f"; with other seeds {judged[tried.candidate]}"
-            rows.append(table_row)
+    if answer.trials is not None:
+        rows += driven_rows(answer.trials)
     if answer.guesses:
         rows.append("Guesses of the replay, two seconds ahead:")
         rows += indented(answer.guesses[:LISTED])
+    return rows
+
+
+def driven_rows(trials: WholeDriveTrials) -> List[str]:
+    """Return rows of what was driven, the best first."""
+    rows = [f"Driven in simulation ({trials.recorded} with the recorded values):"]
+    judged = {entry.candidate: entry for entry in trials.judged}
+    for tried in trials.tried[:LISTED]:
+        table_row = f"   {tried.candidate}: {tried}"
+        if tried.candidate in judged:
+            table_row += f"; with other seeds {judged[tried.candidate]}"
+        rows.append(table_row)
     return rows

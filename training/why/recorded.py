@@ -24,6 +24,14 @@ class RecordedOptions(BagOptions):
     move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
 
 
+class BagAnswerOptions(RecordedOptions):
+    """Options of the answer to a recorded drive."""
+
+    quick: bool = option(
+        False, "Leave out the drives in simulation: only the replay ranks changes of parameters."
+    )
+
+
 SomeOptions = TypeVar("SomeOptions", bound=RecordedOptions)
 
 

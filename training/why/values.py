@@ -47,11 +47,11 @@ def values_of(answer: Answer) -> Dict[str, Any]:
         "sure": how_sure(answer),
         "reproduced": replay.share,
         "notes": replay.drive.notes,
-        **_trials_values(answer.trials),
+        **trials_values(answer.trials),
         "alternatives": list(map(str, answer.guesses)),
         "events": event_values,
         "map": (cells * CELL_M).round(2).tolist(),
-        "track": _thinned(track),
+        "track": thinned(track),
         "top_speed": replay.top_speed,
         "plan": plan[:, :2].round(2).tolist(),
         "goal": goal[:2] if goal is not None else None,
@@ -76,7 +76,7 @@ def outside_values(drive: Drive, events: Sequence[Event], lines: Sequence[str]) 
     }
 
 
-def _trials_values(trials: Optional[WholeDriveTrials]) -> Dict[str, Any]:
+def trials_values(trials: Optional[WholeDriveTrials]) -> Dict[str, Any]:
     """Return remedies and all that was driven as JSON values."""
     if trials is None:
         return {"remedies": [], "tried": [], "recorded": None}
@@ -104,13 +104,13 @@ def _tried_values(tried: Tried) -> Dict[str, Any]:
         "arrivals": tried.arrivals,
         "drives": len(tried.drives),
         "seconds": round(tried.seconds, 2),
-        "paths": [_thinned(drive.path) for drive in tried.drives],
+        "paths": [thinned(drive.path) for drive in tried.drives],
     }
 
 
-def _thinned(track: np.ndarray) -> List[List[float]]:
-    """Return rows of a track (n, k), whose first column is the time [s], one in each TRACK_S."""
-    steps = np.floor(track[:, 0] / TRACK_S)
+def thinned(track: np.ndarray, interval: float = TRACK_S) -> List[List[float]]:
+    """Return rows of a track (n, k), whose first column is the time [s], one in each interval."""
+    steps = np.floor(track[:, 0] / interval)
     _, first_rows = np.unique(steps, return_index=True)
     # float32 rows of a simulated path would be printed with all their digits.
     thinned = track[first_rows].astype(np.float64)

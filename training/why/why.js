@@ -1,6 +1,5 @@
 // Page of ./applr why: the answer, the whole drive, one of its events, and what was tried. D is
 // values_of() of answer.py.
-const MARK_PX = 26; // distance of two marks on the map, at least
 const PLAN_DASH = [6, 5]; // dashes of a plan [px]
 const AROUND_M = 2.5; // half of the side of the map of a moment
 const NAMES = {
@@ -28,6 +27,9 @@ const whole = boxAround(D.goal ? [...positions, D.goal] : positions);
 let event = D.events.indexOf(
   D.events.reduce((a, b) => (b.end - b.begin > a.end - a.begin ? b : a), D.events[0]),
 );
+// A link of a logbook ends with the number of the event.
+const linked = Number(location.hash.slice(1)) - 1;
+if (D.events[linked]) event = linked;
 let moment = 0;
 
 // The part of the plane that has the path and the goal, and what the laser saw near them.
@@ -63,47 +65,12 @@ function paintDrive(view) {
   placeMarks(view);
 }
 
-// Push places [[x, y], ...] on a canvas apart from each other, but not out of it.
-function spread(at, width, tall) {
-  for (let round = 0; round < 50; round++) {
-    for (const a of at) {
-      for (const b of at) {
-        const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-        const distance = Math.hypot(dx, dy);
-        if (a === b || distance >= MARK_PX) continue;
-        const push = (MARK_PX - distance) / 2 + 0.5;
-        const [ux, uy] = distance ? [dx / distance, dy / distance] : [1, 0];
-        b[0] += ux * push;
-        b[1] += uy * push;
-        a[0] -= ux * push;
-        a[1] -= uy * push;
-      }
-    }
-    for (const place of at) {
-      place[0] = Math.min(Math.max(place[0], 14), width - 14);
-      place[1] = Math.min(Math.max(place[1], 14), tall - 14);
-    }
-  }
-}
-
-// Put the numbers of the events beside their places, with a line to each place.
 function placeMarks(view) {
-  const places = D.events.map(one => view.at(...one.place));
-  const at = places.map(([x, y]) => [x + 20, y - 20]);
-  spread(at, view.width, view.tall);
-  view.pixels();
-  view.c.strokeStyle = color("ink");
-  view.c.lineWidth = 1.5;
-  const offset = view.canvas.offsetLeft;
-  marks.forEach((mark, n) => {
-    view.c.beginPath();
-    view.c.moveTo(...places[n]);
-    view.c.lineTo(...at[n]);
-    view.c.stroke();
-    mark.style.left = `${at[n][0] + offset}px`;
-    mark.style.top = `${at[n][1]}px`;
-  });
-  view.metres();
+  placeMarksBeside(
+    view,
+    D.events.map(one => one.place),
+    marks,
+  );
 }
 
 function eventButton(n) {

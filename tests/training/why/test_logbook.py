@@ -1,0 +1,331 @@
+"""Tests of the logbook: the stops of many bags, their places, the change that would help most, and
+the answers that are kept beside the bags.
+"""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.why import alternatives
+from tests.support.browser import focused, needs_browser, opened
+from tests.support.drives import until
+from tests.support.pages import data_of
+from tests.support.replays import spoilt_drive, updates
+from training.bags.write import write
+from training.why import __main__ as why
+from training.why import common_change, logbook, whole_drives
+from training.why.answer_file import AnswerFile, StoredArrival
+from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop
+from training.why.candidates import Candidate
+from training.why.common_change import CommonChange, change_for, merged, worst_bags
+from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
+from training.why.logbook_words import advice, by_day, by_parameter, by_reason, lines_of
+from training.why.recorded import BagAnswerOptions
+from training.why.whole_drives import Arrival, Course, try_out
+from training.workers.pool import Pool
+
+JACKAL = robots.JACKAL
+PLANNER = "TrajectoryPlannerROS"
+NOON = 1_700_000_000.0  # a day in 2023 [s]
+
+
+# -- one change for several courses
+def candidate_of(sim_time):
+    return Candidate((Change(PLANNER, "sim_time", 2.0, sim_time),))
+
+
+def course_with(seconds, limit=60.0):
+    """Return a course on which values of sim_time take {value: seconds}, "" the recorded one."""
+
+    def begin(changes, seed, to_beat):
+        duration = seconds[changes[0].after if changes else ""]
+        success = duration < min(limit, to_beat + 1e-9)
+        path = np.zeros((1, 3), np.float32)
+        arrival = Arrival(success, duration if success else limit, not success, path)
+        return lambda: arrival
+
+    return Course(JACKAL, False, begin)
+
+
+def remedy_on(*courses, values=(1.0, 1.5)):
+    """Return the value of sim_time that is advised for some courses, or None."""
+    trials = try_out(list(map(course_with, courses)), list(map(candidate_of, values)))
+    return trials.remedy and trials.remedy.candidate.changes[0].after
+
+
+def test_a_change_for_several_courses_gains_over_all_of_them_and_harms_none():
+    # 1.0 is best on the first course alone, and harms on the second; 1.5 helps on one of both.
+    first = {"": 40.0, 1.0: 10.0, 1.5: 20.0}
+    assert remedy_on(first, {"": 20.0, 1.0: 24.0, 1.5: 21.0}) == 1.5
+    assert remedy_on(first, {"": 20.0, 1.0: 20.0, 1.5: 20.0}) == 1.0
+    # Too little over both: 3 s of 60 s
+    assert remedy_on({"": 40.0, 1.0: 37.0}, {"": 20.0, 1.0: 20.0}, values=(1.0,)) is None
+    # A failure where the recorded values arrive harms, whatever it gains elsewhere.
+    assert remedy_on(first, {"": 20.0, 1.0: 99.0, 1.5: 99.0}) is None
+
+
+def test_the_drives_of_one_course_are_found_among_those_of_all():
+    courses = [course_with({"": 40.0, 1.0: 10.0}), course_with({"": 20.0, 1.0: 19.0})]
+    trials = try_out(courses, [candidate_of(1.0)])
+    assert trials.on_course(0).recorded.seconds == 40.0
+    assert trials.on_course(1).remedy.seconds == 19.0
+    change = CommonChange([logged_bag(), logged_bag()], trials)
+    assert change.gains == [30.0, 1.0]
+    assert change.helped == [True, False]
+
+
+# -- stops and places
+def stop_at(x, y=0.0, lost=10.0, begin=1.0, end=11.0, reason="the plan leads back", outside=False):
+    return StoredStop(
+        kind="stood", begin=begin, end=end, x=x, y=y, reason=reason, is_outside=outside, lost=lost
+    )
+
+
+def answer_with(*stops, robot="jackal", begin=0.0, **fields):
+    values = {"robot": robot, "length": 0.5, "scale": 1.0, "begin": begin, "frame": "odom"}
+    values.update(is_shared=False, origin=(0.0, 0.0, 0.0), track=[[0.0, 0.0, 0.0]], values={})
+    return BagAnswer(**{**values, **fields}, stops=list(stops))
+
+
+def logged_bag(*stops, name="a.bag", floor=0, **fields):
+    answer = answer_with(*stops, **fields)
+    kept = SimpleNamespace(drives={}, save=lambda: None)
+    return LoggedBag(Path(name), kept, answer, floor=floor)
+
+
+def book_of(*bags):
+    stops = stops_of(bags)
+    return Logbook(list(bags), stops, places_of(stops), [])
+
+
+def test_stops_within_a_robots_length_in_one_frame_are_one_place():
+    here = logged_bag(stop_at(0.0, lost=9.0), stop_at(0.4, lost=5.0), stop_at(0.6, lost=20.0))
+    elsewhere = logged_bag(stop_at(0.0, lost=30.0), name="b.bag", floor=1)
+    places = book_of(here, elsewhere).places
+    assert [[logged.stop.x for logged in place.stops] for place in places] == [
+        [0.0],
+        [0.6, 0.4],
+        [0.0],
+    ]
+    assert [place.lost for place in places] == [30.0, 25.0, 9.0]
+
+
+def test_a_stop_that_two_bags_of_one_robot_have_is_counted_once():
+    first = logged_bag(stop_at(0.0, lost=10.0), begin=NOON)
+    later = logged_bag(stop_at(0.0, lost=9.0, begin=0.0, end=9.5), begin=NOON + 1.0, name="b.bag")
+    other = logged_bag(stop_at(0.0, lost=8.0), begin=NOON, name="c.bag", robot="husky")
+    assert [logged.bag for logged in stops_of([first, later, other])] == [first, other]
+    # Simulated clocks all begin at 0.
+    simulated = [logged_bag(stop_at(0.0), name=name) for name in ("a.bag", "b.bag")]
+    assert len(stops_of(simulated)) == 2
+
+
+def wall(x):
+    """Return what the laser sees of a wall of 20 m and of a wavy one."""
+    along = np.arange(0.0, 20.0, 0.1)
+    return np.column_stack([along, x + np.sin(along)]).tolist()
+
+
+def test_odometry_frames_are_one_only_if_the_laser_saw_the_same_there():
+    bags = [
+        logged_bag(seen=wall(0.0)),
+        logged_bag(seen=wall(0.01)),
+        logged_bag(seen=wall(0.9)),
+        logged_bag(frame="map", is_shared=True),
+        logged_bag(frame="map", is_shared=True),
+        logged_bag(seen=[]),
+    ]
+    logbook._set_floors(bags)
+    assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3]
+
+
+def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day():
+    near = "every faster way meets the obstacle {} m ahead and 0.1 m to the left, from the scan"
+    bags = [
+        logged_bag(
+            stop_at(0.0, reason=near.format(0.5)),
+            stop_at(2.0, reason=near.format(0.7)),
+            parameter="P/sim_time",
+            begin=NOON,
+        ),
+        logged_bag(
+            stop_at(0.0, lost=5.0, reason="there was no scan for 3.2 s", outside=True),
+            parameter="P/sim_time",
+            begin=NOON + 86_400.0,
+            name="b.bag",
+        ),
+    ]
+    book = book_of(*bags)
+    reasons = [str(group) for group in by_reason(book.stops)]
+    assert reasons == [
+        "20 s in 2 stops: every faster way meets an obstacle",
+        "5 s in 1 stop: there was no scan for 3.2 s",
+    ]
+    words = [group.words for group in by_parameter(book.stops)]
+    assert words == ["P/sim_time", "outside the planner"]
+    assert [len(group.stops) for group in by_day(book.stops)] == [2, 1]
+    assert advice(book, None) == ["No parameter helps in 1 stop: there was no scan for 3.2 s (1)."]
+    assert lines_of(book, None)[0].startswith("3 stops in 2 drives cost 25 s, from 2023-11-1")
+
+
+# -- the change for the worst stops
+def drivable(lost, *values, **fields):
+    candidates = [StoredCandidate.of(candidate_of(value)) for value in values]
+    return logged_bag(stop_at(0.0, lost=lost), candidates=candidates, **fields)
+
+
+def test_candidates_that_rank_high_in_many_stops_come_first():
+    bags = [drivable(9.0, 1.0, 3.0), drivable(8.0, 3.0, 1.5), drivable(7.0, 3.0)]
+    values = [candidate.changes[0].after for candidate in merged(bags)]
+    assert values == [3.0, 1.0, 1.5]
+
+
+def test_the_worst_stops_are_those_a_parameter_may_help_of_one_robot():
+    outside = logged_bag(stop_at(0.0, lost=99.0, outside=True), candidates=[])
+    husky = drivable(20.0, 1.0, robot="husky", name="h.bag")
+    bags = [drivable(float(lost), 1.0, name=f"{lost}.bag") for lost in range(1, 12)]
+    chosen = worst_bags(book_of(outside, husky, *bags))
+    assert [bag.answer.stops[0].lost for bag in chosen] == [11, 10, 9, 8, 7, 6, 5, 4]
+
+
+def test_drives_are_made_once_and_kept_beside_their_bag(monkeypatch):
+    calls = []
+
+    def drive_once(conditions, changes, seed, to_beat):
+        calls.append(seed)
+        seconds = 10.0 if changes else 20.0
+        return Arrival(True, seconds, False, np.zeros((1, 3), np.float32))
+
+    monkeypatch.setattr(whole_drives, "drive_once", drive_once)
+    monkeypatch.setattr(common_change, "with_description", lambda path, options: options)
+    bags = [drivable(9.0, 1.0), drivable(8.0, 1.0, name="b.bag")]
+    for bag in bags:
+        bag.conditions = SimpleNamespace(robot=JACKAL, policy_decides=False)
+    options = BagAnswerOptions(robot=JACKAL)
+    with Pool(0) as pool:
+        change = change_for(book_of(*bags), options, pool, lambda: None)
+        driven_count = len(calls)
+        # As after a restart, when the conditions are not known
+        for bag in bags:
+            bag.conditions = None
+        again = change_for(book_of(*bags), options, pool, lambda: None)
+    assert driven_count == len(calls) > 0
+    assert change.gains == again.gains == [10.0, 10.0]
+    (line,) = advice(book_of(*bags), change)
+    assert line.startswith("Try sim_time 2 -> 1: 20 s less in 2 of the worst 2 stops; arrives 6 of")
+
+
+# -- files beside the bags
+def test_an_answer_is_kept_for_its_key_and_a_damaged_file_is_none(tmp_path):
+    bag_path = tmp_path / "a.bag"
+    kept = AnswerFile(bag_path, "key")
+    kept.answer = answer_with(stop_at(1.0))
+    arrival = Arrival(True, 12.34567, False, np.array([[0.0, 1.0, 2.0]], np.float32))
+    kept.drives = {"drive": StoredArrival.of(arrival), "refused": None}
+    kept.save()
+
+    again = AnswerFile(bag_path, "key")
+    assert again.answer == kept.answer
+    assert again.drives["drive"].arrival.seconds == 12.34567
+    assert again.drives["refused"] is None
+    assert AnswerFile(bag_path, "another key").answer is None
+
+    (tmp_path / "a.bag.why.json").write_text('{"key": "key", "answer": {"robot": 1}}')
+    damaged = AnswerFile(bag_path, "key")
+    assert damaged.answer is None
+    assert damaged.is_damaged
+
+
+# -- the command
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return a folder with two drives, a copy and junk, and let the command try little."""
+    monkeypatch.setattr(alternatives, "CYCLES", 2)
+    monkeypatch.setattr(alternatives, "FACTORS", ())
+    _, driven = spoilt_drive()
+    driven = replace(driven, changes=updates((0.0, PLANNER, {"vx_samples": 1})))
+    bags = tmp_path / "bags"
+    (bags / "later").mkdir(parents=True)
+    write(bags / "first.bag", until(driven, 4.0))
+    write(bags / "later" / "first.bag", until(driven, 3.0))
+    shutil.copy(bags / "first.bag", bags / "second.bag")
+    (bags / "third.bag").write_bytes(b"junk")
+    return bags
+
+
+def ran(capsys, *arguments):
+    """Run the command; return its exit status, output and errors."""
+    options = ["--quick", "--workers", "0"]
+    status = why.main([*map(str, arguments), *options])
+    output, errors = capsys.readouterr()
+    return status, output, errors
+
+
+@needs_browser
+def test_a_folder_gives_a_logbook_that_goes_on_where_it_stopped(folder, capsys, monkeypatch):
+    page_file = folder.parent / "log.html"
+    status, output, errors = ran(capsys, folder, "--json", "--out", page_file)
+    assert status == 0, errors
+    values = json.loads(output)
+    assert values["happened"].startswith("2 stops in 2 drives cost ")
+    assert values["reproduced"] == 1.0
+    assert len(values["places"]) == 1
+    first_note, second_note = errors.splitlines()
+    assert first_note.endswith(f"second.bag: left out, the same as {folder / 'first.bag'}")
+    assert "third.bag: cannot be read" in second_note
+
+    # The second time nothing is replayed, but for the bag that cannot be read.
+    answered = []
+    monkeypatch.setattr(logbook, "answer_to", lambda path, options: answered.append(path.name))
+    (folder / "third.bag").unlink()
+    status, again, _ = ran(capsys, folder, "--json")
+    assert status == 0
+    assert answered == []
+    assert json.loads(again)["events"] == values["events"]
+
+    # Every stop is a click away.
+    pages = sorted(path.name for path in (folder.parent / "log_drives").iterdir())
+    assert pages == ["first.bag.html", "first.bag_.html"]
+    linked, *_ = data_of(page_file.read_text())["links"]
+    assert (folder.parent / linked.partition("#")[0]).is_file()
+    with opened(page_file) as page:
+        focused(page, "button", "Place 1").press("Enter")
+        assert page.get_by_role("heading", name="2 stops").count() == 1
+        assert page.get_by_role("link", name="first.bag").count() == 2
+
+
+def test_damaged_answers_are_made_again_and_said_once(folder, capsys):
+    (folder / "third.bag").unlink()
+    (folder / "second.bag").unlink()
+    for name in ("first.bag.why.json", "later/first.bag.why.json"):
+        (folder / name).write_text("[")
+    status, output, errors = ran(capsys, folder)
+    assert status == 0
+    assert output.startswith("2 stops in 2 drives")
+    assert errors == "2 answers beside their bags were damaged: made again\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ([], "no bags there"),
+        (["junk.bag"], "junk.bag: cannot be read"),
+        (["junk.bag", "--at", "3"], "--at is about one bag, there are several: give one bag"),
+    ],
+)
+def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, problem):
+    names = [argument for argument in arguments if argument.endswith(".bag")]
+    for name in names:
+        (tmp_path / name).write_bytes(b"junk")
+    options = arguments[len(names) :]
+    status, output, errors = ran(capsys, tmp_path, *options)
+    assert (status, output) == (1, "")
+    assert problem in errors
+    assert len(errors.splitlines()) == 1

@@ -1,0 +1,189 @@
+"""The change that would help most: one change for the worst stops of a logbook.
+
+It is driven in the worlds of these stops, and advised only if it gains over all of them and makes
+none of them worse, with seeds that did not choose it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any, Callable, DefaultDict, Dict, List, Optional, Sequence, Tuple
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.robots import Robot
+from training.why.answer_file import StoredArrival, key_of_drive
+from training.why.bag_answer import answer_to
+from training.why.candidates import Candidate
+from training.why.logbook import Logbook, LoggedBag
+from training.why.recorded import BagAnswerOptions, with_description
+from training.why.remedies import CANDIDATES
+from training.why.whole_drives import (
+    BETTER,
+    Arrival,
+    Course,
+    WholeDriveTrials,
+    course_in,
+    try_out,
+)
+from training.workers.calls import CallFailed
+from training.workers.pool import Pool
+
+WORST = 8  # number of stops in whose worlds candidates are driven
+SAVED_S = 20.0  # interval at which simulated drives are saved [s]
+
+
+@dataclass(frozen=True)
+class CommonChange:
+    """What was driven in the worlds of the worst stops.
+
+    Attributes:
+        bags: Bags of the worst stops, the worst first: each is a course.
+        trials: Drives on all courses.
+    """
+
+    bags: List[LoggedBag]
+    trials: WholeDriveTrials
+
+    @property
+    def gains(self) -> List[float]:
+        """Time that the remedy saves on each course [s]; negative if it costs some."""
+        remedy = self.trials.remedy
+        if remedy is None:
+            return []
+        gains = []
+        for number in range(len(self.bags)):
+            driven = self.trials.on_course(number)
+            assert driven.remedy is not None
+            gains.append(driven.recorded.seconds - driven.remedy.seconds)
+        return gains
+
+    @property
+    def helped(self) -> List[bool]:
+        """Whether the remedy takes a tenth less time on each course."""
+        helped = []
+        for number, gain in enumerate(self.gains):
+            recorded_seconds = self.trials.on_course(number).recorded.seconds
+            helped.append(gain >= (1.0 - BETTER) * recorded_seconds)
+        return helped
+
+
+def change_for(
+    logbook: Logbook, options: BagAnswerOptions, pool: Pool, driven: Callable[[], Any]
+) -> Optional[CommonChange]:
+    """Return what was driven for a logbook; None if there is nothing to drive.
+
+    Args:
+        logbook: The logbook.
+        options: Robot and topics of bags that do not describe them.
+        pool: Workers that drive.
+        driven: Called after each drive.
+    """
+    bags = worst_bags(logbook)
+    if not bags:
+        return None
+    # Candidates are compared by the defaults of the planner, which the worst bag's robot has.
+    robot = with_description(bags[0].path, options).robot
+    courses = [_KeptCourse(bag, robot, options, pool, driven) for bag in bags]
+    try:
+        trials = try_out([kept.course for kept in courses], merged(bags))
+    finally:
+        # Also after Ctrl-C
+        for kept in courses:
+            kept.save()
+    return CommonChange(bags, trials)
+
+
+def worst_bags(logbook: Logbook) -> List[LoggedBag]:
+    """Return the bags of the worst stops that a change of parameters may help, the worst first.
+
+    They are of the robot that lost most time.
+    """
+    bags: List[LoggedBag] = []
+    first_robot = next(iter(logbook.robots))
+    for logged in logbook.stops:
+        bag = logged.bag
+        is_drivable = bool(bag.answer.candidates) and not logged.stop.is_outside
+        if bag.answer.robot == first_robot and is_drivable and bag not in bags:
+            bags.append(bag)
+    return bags[:WORST]
+
+
+def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
+    """Return the candidates of all bags: first those that rank high in many of them."""
+    scores: DefaultDict[Tuple[Any, ...], float] = defaultdict(float)
+    first_candidates: Dict[Tuple[Any, ...], Candidate] = {}
+    for bag in bags:
+        for rank, stored in enumerate(bag.answer.candidates):
+            candidate = stored.candidate
+            # The value before may differ from bag to bag.
+            changed_values = tuple((one.server, one.name, one.after) for one in candidate.changes)
+            scores[changed_values] += 1.0 / (1.0 + rank)
+            first_candidates.setdefault(changed_values, candidate)
+    ranked = sorted(first_candidates, key=lambda changed_values: -scores[changed_values])
+    return [first_candidates[changed_values] for changed_values in ranked[:CANDIDATES]]
+
+
+class _KeptCourse:
+    """Course of a bag, whose drives are kept beside the bag and made once."""
+
+    def __init__(
+        self,
+        bag: LoggedBag,
+        robot: Robot,
+        options: BagAnswerOptions,
+        pool: Pool,
+        driven: Callable[[], Any],
+    ):
+        self.course = Course(robot, bag.answer.policy_decides, self._begin)
+        self._bag = bag
+        self._options = options
+        self._pool = pool
+        self._driven = driven
+        self._is_changed = False
+        self._saved_at = monotonic()
+
+    def save(self) -> None:
+        """Write the drives that were made since the last saving."""
+        if self._is_changed:
+            self._bag.file.save()
+        self._is_changed = False
+        self._saved_at = monotonic()
+
+    def _begin(self, changes: Sequence[Change], seed: int, to_beat: float) -> Callable[[], Arrival]:
+        key = key_of_drive(changes, seed, to_beat)
+        drives = self._bag.file.drives
+        if key in drives:
+            return lambda: _arrival_of(drives[key])
+        arrival_of = self._course_in_pool().begin(changes, seed, to_beat)
+
+        def kept() -> Arrival:
+            try:
+                drives[key] = StoredArrival.of(arrival_of())
+            except CallFailed:
+                drives[key] = None
+            self._is_changed = True
+            if monotonic() - self._saved_at > SAVED_S:
+                self.save()
+            self._driven()
+            return _arrival_of(drives[key])
+
+        return kept
+
+    def _course_in_pool(self) -> Course:
+        """Return the course on which the workers drive. It is not kept, but made from the bag."""
+        if self._bag.conditions is None:
+            answered = self._pool.submit(answer_to, self._bag.path, self._options).result()
+            self._bag.conditions = answered.conditions
+        if self._bag.conditions is None:
+            raise ApplrError(f"{self._bag.path}: its course is not known any more")
+        return course_in(self._bag.conditions, self._pool)
+
+
+def _arrival_of(stored: Optional[StoredArrival]) -> Arrival:
+    """Return how a drive ended, or raise CallFailed if move_base refused its values."""
+    if stored is None:
+        raise CallFailed("move_base refuses the values")
+    return stored.arrival

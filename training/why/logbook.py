@@ -1,0 +1,333 @@
+"""Logbook: the stops of many bags, their places, and the change that would help most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.common.files import sha256
+from training.bags.read import BagError
+from training.why.answer_file import AnswerFile, bag_hash, key_of_answers
+from training.why.bag_answer import AnsweredBag, BagAnswer, StoredStop, answer_to
+from training.why.recorded import BagAnswerOptions
+from training.why.whole_drives import DriveConditions
+from training.workers.calls import CallFailed
+from training.workers.pool import Pool
+
+DATED_S = 946_684_800.0  # 2000: an earlier clock is that of a simulation [s]
+OVERLAP = 0.5  # share of the shorter of two stops from which on both are one stop in two bags
+CELL_M = 0.2  # edge of the cells by which odometry frames are compared [m]
+ALIKE = 0.5  # share of the cells in the part that both drives saw from which on their frames agree
+FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
+
+# Shows the progress of a loop, given its items, the number of all items and of those done before.
+Progress = Callable[[Iterable[Any], int, int], Iterable[Any]]
+
+
+@dataclass
+class LoggedBag:
+    """Bag of a logbook with its answer.
+
+    Attributes:
+        path: The bag.
+        file: File with its answer.
+        answer: Its answer.
+        conditions: Conditions of simulated drives in its world, if they are known.
+        floor: Number of the frame that it shares with other bags.
+    """
+
+    path: Path
+    file: AnswerFile
+    answer: BagAnswer
+    conditions: Optional[DriveConditions] = None
+    floor: int = 0
+
+
+@dataclass(frozen=True)
+class LoggedStop:
+    """Stop of a logbook.
+
+    Attributes:
+        bag: Its bag.
+        stop: What happened.
+    """
+
+    bag: LoggedBag
+    stop: StoredStop
+
+    @property
+    def begin(self) -> float:
+        """Begin [s, by the clock of the bag]."""
+        return self.bag.answer.begin + self.stop.begin
+
+    @property
+    def end(self) -> float:
+        """End [s, by the clock of the bag]."""
+        return self.bag.answer.begin + self.stop.end
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether the bag's clock is that of the day, not of a simulation."""
+        return self.begin >= DATED_S
+
+    @property
+    def position(self) -> Tuple[float, float]:
+        """Place x, y [m] in the frame of its floor."""
+        return self.stop.x, self.stop.y
+
+
+@dataclass
+class Place:
+    """Place at which robots stopped.
+
+    Attributes:
+        floor: Number of the frame.
+        stops: Stops within a robot's length of the first one, which cost most time.
+    """
+
+    floor: int
+    stops: List[LoggedStop] = field(default_factory=list)
+
+    @property
+    def lost(self) -> float:
+        """Time that all stops cost [s]."""
+        return sum(logged.stop.lost for logged in self.stops)
+
+
+@dataclass
+class Logbook:
+    """Stops of many bags.
+
+    Attributes:
+        bags: Bags that were read.
+        stops: Stops, the one that cost most time first.
+        places: Places, the one that cost most time first.
+        notes: Sentences about bags that were left out, and about what is not kept.
+    """
+
+    bags: List[LoggedBag]
+    stops: List[LoggedStop]
+    places: List[Place]
+    notes: List[str]
+
+    @property
+    def lost(self) -> float:
+        """Time that all stops cost [s]."""
+        return sum(logged.stop.lost for logged in self.stops)
+
+    @property
+    def robots(self) -> Dict[str, float]:
+        """Time lost by robot [s], the largest one first."""
+        lost_by_robot: Dict[str, float] = {bag.answer.robot: 0.0 for bag in self.bags}
+        for logged in self.stops:
+            lost_by_robot[logged.bag.answer.robot] += logged.stop.lost
+        return dict(sorted(lost_by_robot.items(), key=lambda row: -row[1]))
+
+
+def logbook_of(
+    bag_paths: Sequence[Path], options: BagAnswerOptions, pool: Pool, progress: Progress
+) -> Logbook:
+    """Return the logbook of bags. Answers that are kept beside the bags are not made again.
+
+    Args:
+        bag_paths: The bags.
+        options: Robot and topics of bags that do not describe them.
+        pool: Workers that read and replay.
+        progress: Shows the progress over the bags.
+
+    Raises:
+        BagError: No bag can be read.
+    """
+    notes: List[str] = []
+    files = _files_of(bag_paths, options, notes)
+    bags, problems = _answered(files, options, pool, progress)
+    if not bags:
+        raise BagError(f"no bag can be read: {problems[0]}" if problems else "there are no bags")
+    notes += problems
+    notes += _notes_of_files(files)
+    _set_floors(bags)
+    stops = stops_of(bags)
+    stop_count = sum(len(bag.answer.stops) for bag in bags)
+    if len(stops) < stop_count:
+        notes.append(f"{stop_count - len(stops)} stops are in two bags: they are counted once")
+    logbook = Logbook(bags, stops, places_of(stops), notes)
+    if len(logbook.robots) > 1:
+        listed = ", ".join(f"{name} ({lost:.0f} s)" for name, lost in logbook.robots.items())
+        first_robot = next(iter(logbook.robots))
+        notes.append(
+            f"bags of several robots, {listed}: a change is sought for {first_robot}; "
+            "give the bags of another one alone"
+        )
+    return logbook
+
+
+# -- bags ------------------------------------------------------------------------------------------
+def _files_of(
+    bag_paths: Sequence[Path], options: BagAnswerOptions, notes: List[str]
+) -> List[AnswerFile]:
+    """Return the files of the answers of bags, each bag once, and add notes about copies."""
+    key = key_of_answers(options)
+    first_paths: Dict[str, Path] = {}
+    files = []
+    for bag_path in bag_paths:
+        try:
+            bag_key = bag_hash(bag_path)
+        except OSError:
+            # Whoever reads it says what is wrong.
+            bag_key = str(bag_path)
+        if bag_key in first_paths:
+            notes.append(f"{bag_path}: left out, the same as {first_paths[bag_key]}")
+            continue
+        first_paths[bag_key] = bag_path
+        files.append(AnswerFile(bag_path, sha256(key, bag_key)))
+    return files
+
+
+def _answered(
+    files: Sequence[AnswerFile], options: BagAnswerOptions, pool: Pool, progress: Progress
+) -> Tuple[List[LoggedBag], List[str]]:
+    """Return the bags with their answers, and what is wrong with the others."""
+    conditions: Dict[Path, Optional[DriveConditions]] = {}
+    problems: Dict[Path, str] = {}
+    file_of_bag = {file.bag_path: file for file in files}
+    unanswered = [file.bag_path for file in files if file.answer is None]
+    calls = pool.unordered(partial(answer_to, options=options), unanswered)
+    for bag_path, call in progress(calls, len(files), len(files) - len(unanswered)):
+        try:
+            answered: AnsweredBag = call.result()
+        except CallFailed as failure:
+            problem = str(failure)
+            problems[bag_path] = problem if str(bag_path) in problem else f"{bag_path}: {problem}"
+            continue
+        conditions[bag_path] = answered.conditions
+        file_of_bag[bag_path].answer = answered.answer
+        file_of_bag[bag_path].save()
+    bags = []
+    # In the order of the files, whichever was answered first
+    for file in files:
+        if file.answer is not None:
+            bags.append(LoggedBag(file.bag_path, file, file.answer, conditions.get(file.bag_path)))
+    ordered_problems = [problems[file.bag_path] for file in files if file.bag_path in problems]
+    return bags, ordered_problems
+
+
+def _notes_of_files(files: Sequence[AnswerFile]) -> List[str]:
+    """Return what is to be said of the files beside the bags."""
+    notes = []
+    damaged = [file for file in files if file.is_damaged]
+    if damaged:
+        notes.append(f"{len(damaged)} answers beside their bags were damaged: made again")
+    unkept = [file for file in files if file.problem]
+    if unkept:
+        notes.append(f"answers are not kept: {unkept[0].problem}")
+    return notes
+
+
+# -- stops and places ------------------------------------------------------------------------------
+def stops_of(bags: Sequence[LoggedBag]) -> List[LoggedStop]:
+    """Return the stops of bags, the one that cost most time first.
+
+    A black box keeps the last minutes at each stop, so that two bags may have the same one.
+    """
+    all_stops = []
+    for bag in bags:
+        for stop in bag.answer.stops:
+            all_stops.append(LoggedStop(bag, stop))
+    all_stops.sort(key=lambda logged: -logged.stop.lost)
+    distinct_stops: List[LoggedStop] = []
+    for logged in all_stops:
+        if not any(_is_same(logged, other) for other in distinct_stops):
+            distinct_stops.append(logged)
+    return distinct_stops
+
+
+def _is_same(stop: LoggedStop, other: LoggedStop) -> bool:
+    """Return whether two stops of different bags are the same one."""
+    if stop.bag is other.bag or stop.bag.answer.robot != other.bag.answer.robot:
+        return False
+    # Simulated drives begin at the same time.
+    if not (stop.is_dated and other.is_dated):
+        return False
+    overlap = min(stop.end, other.end) - max(stop.begin, other.begin)
+    return overlap > OVERLAP * min(stop.end - stop.begin, other.end - other.begin)
+
+
+def places_of(stops: Sequence[LoggedStop]) -> List[Place]:
+    """Return the places of stops, the one that cost most time first.
+
+    Stops within a robot's length of the worst one there are at one place.
+
+    Args:
+        stops: The stops, the worst first.
+    """
+    places: List[Place] = []
+    for logged in stops:
+        place = _place_at(places, logged)
+        if place is None:
+            place = Place(logged.bag.floor)
+            places.append(place)
+        place.stops.append(logged)
+    places.sort(key=lambda place: -place.lost)
+    return places
+
+
+def _place_at(places: Sequence[Place], logged: LoggedStop) -> Optional[Place]:
+    """Return the first of the places at which a stop is, or None."""
+    for place in places:
+        worst_stop = place.stops[0]
+        apart = np.subtract(worst_stop.position, logged.position)
+        robot_length = logged.bag.answer.length
+        if place.floor == logged.bag.floor and np.hypot(*apart) <= robot_length:
+            return place
+    return None
+
+
+# -- frames ----------------------------------------------------------------------------------------
+def _set_floors(bags: Sequence[LoggedBag]) -> None:
+    """Give bags in one frame the same floor.
+
+    A map's frame is shared by its name. Odometry begins anew at each start of a robot: two of its
+    frames are one only if the laser saw the same there.
+    """
+    cells_of_bags = [_cells(bag.answer) for bag in bags]
+    floor_count = 0
+    for number, bag in enumerate(bags):
+        bag.floor = floor_count
+        for earlier_number, earlier in enumerate(bags[:number]):
+            is_known = bag.answer.frame == earlier.answer.frame
+            is_known &= bag.answer.is_shared == earlier.answer.is_shared
+            if is_known and not bag.answer.is_shared:
+                is_known = _agree(cells_of_bags[number], cells_of_bags[earlier_number])
+            if is_known:
+                bag.floor = earlier.floor
+                break
+        if bag.floor == floor_count:
+            floor_count += 1
+
+
+def _cells(answer: BagAnswer) -> np.ndarray:
+    """Return the cells (n, 2) in which the laser saw something."""
+    if not answer.seen:
+        return np.zeros((0, 2), int)
+    cells: np.ndarray = np.unique(np.floor(np.array(answer.seen) / CELL_M).astype(int), axis=0)
+    return cells
+
+
+def _agree(cells: np.ndarray, others: np.ndarray) -> bool:
+    """Return whether two drives saw the same in the part of the plane that both saw."""
+    if not len(cells) or not len(others):
+        return False
+    lowest = np.maximum(cells.min(axis=0), others.min(axis=0))
+    highest = np.minimum(cells.max(axis=0), others.max(axis=0))
+    parts = []
+    for drive_cells in (cells, others):
+        is_inside = (drive_cells >= lowest).all(axis=1) & (drive_cells <= highest).all(axis=1)
+        parts.append(set(map(tuple, drive_cells[is_inside].tolist())))
+    smaller, larger = sorted(parts, key=len)
+    if len(smaller) < FEWEST_CELLS:
+        return False
+    return len(smaller & larger) >= ALIKE * len(smaller)

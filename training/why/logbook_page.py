@@ -1,0 +1,239 @@
+"""Logbook as JSON values and as a page, with a page of each drive a click away."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+from urllib.parse import quote
+
+import numpy as np
+
+from applr_ros1.common.angles import transform_point
+from applr_ros1.common.files import write_bytes
+from applr_ros1.common.pages.page import Page
+from training.common.folders import make_folder
+from training.why.common_change import CommonChange
+from training.why.logbook import Logbook, LoggedBag, LoggedStop
+from training.why.logbook_words import (
+    LostTime,
+    advice,
+    by_day,
+    by_parameter,
+    by_reason,
+    headline,
+    how_sure,
+    lines_of,
+    place_in_words,
+    stop_in_words,
+)
+from training.why.pages import MARKS, drive_page
+from training.why.values import trials_values
+from worlds.map_reader import is_occupied
+from worlds.world import Grid
+
+CELL_M = 0.1  # distance of the points of a map [m]
+MOST_POINTS = 40_000  # number of points of a map above which it is drawn more coarsely
+SCRIPTS = (MARKS, Path(__file__).with_name("logbook.js"))
+DRIVEN = (
+    "Changes were driven in simulation, from the recorded start to the goal in the worlds that the "
+    "laser saw at the worst stops: a change is advised only if it takes a tenth less time over all "
+    "of them with seeds that did not choose it, and is slower in none of them."
+)
+FRAMES = (
+    "Stops within a robot's length in the same frame are one place. Odometry begins anew at each "
+    "start of the robot: two of its frames are drawn as one only if the laser saw the same there."
+)
+
+
+def logbook_values(logbook: Logbook, change: Optional[CommonChange]) -> Dict[str, Any]:
+    """Return a logbook as JSON values, without maps."""
+    number_of = {id(logged): number for number, logged in enumerate(logbook.stops)}
+
+    def groups(lost_times: Sequence[LostTime]) -> List[Dict[str, Any]]:
+        return [_group_values(lost_time, number_of) for lost_time in lost_times]
+
+    places = []
+    for place in logbook.places:
+        group = _group_values(LostTime(place_in_words(place), place.stops), number_of)
+        x, y = place.stops[0].position
+        places.append({**group, "place": [x, y], "floor": place.floor})
+    remedies = []
+    if change is not None and change.trials.remedy is not None:
+        remedies.append(str(change.trials.remedy.candidate))
+    command_count = sum(bag.answer.commands for bag in logbook.bags)
+    reproduced_count = sum(bag.answer.reproduced for bag in logbook.bags)
+    return {
+        "lines": lines_of(logbook, change),
+        "happened": headline(logbook),
+        "advice": advice(logbook, change),
+        "sure": how_sure(logbook, change),
+        "reproduced": reproduced_count / command_count if command_count else 0.0,
+        "remedies": remedies,
+        "notes": logbook.notes,
+        "robots": logbook.robots,
+        "bags": [str(bag.path) for bag in logbook.bags],
+        "events": list(map(_stop_values, logbook.stops)),
+        "places": places,
+        "reasons": groups(by_reason(logbook.stops)),
+        "parameters": groups(by_parameter(logbook.stops)),
+        "days": groups(by_day(logbook.stops)),
+        "driven": _change_values(change),
+    }
+
+
+def _group_values(lost_time: LostTime, number_of: Dict[int, int]) -> Dict[str, Any]:
+    """Return stops that have something in common as JSON values."""
+    return {
+        "words": lost_time.words,
+        "lost": round(lost_time.lost, 1),
+        "stops": [number_of[id(logged)] for logged in lost_time.stops],
+    }
+
+
+def _stop_values(logged: LoggedStop) -> Dict[str, Any]:
+    """Return a stop as JSON values."""
+    stop = logged.stop
+    return {
+        "title": stop_in_words(logged),
+        "bag": logged.bag.path.name,
+        "robot": logged.bag.answer.robot,
+        "kind": stop.kind,
+        "begin": stop.begin,
+        "end": stop.end,
+        "time": round(logged.begin, 2),
+        "lost": stop.lost,
+        "reason": stop.reason,
+        "is_outside": stop.is_outside,
+        "guess": "" if stop.is_outside else logged.bag.answer.guess,
+        "frame": logged.bag.answer.frame,
+        "floor": logged.bag.floor,
+        "place": [stop.x, stop.y],
+    }
+
+
+def _change_values(change: Optional[CommonChange]) -> Optional[Dict[str, Any]]:
+    """Return what was driven for a logbook as JSON values, without paths."""
+    if change is None:
+        return None
+    values = trials_values(change.trials)
+    for tried in [*values["tried"], values["recorded"]]:
+        del tried["paths"]
+    return {
+        **values,
+        "bags": [bag.path.name for bag in change.bags],
+        "gains": [round(gain, 2) for gain in change.gains],
+    }
+
+
+# -- pages -----------------------------------------------------------------------------------------
+def write_pages(
+    path: Path,
+    values: Dict[str, Any],
+    logbook: Logbook,
+    change: Optional[CommonChange],
+    floor_map: Optional[Grid],
+) -> None:
+    """Write the page of a logbook, and those of its drives into a folder beside it.
+
+    Args:
+        path: The page.
+        values: Values of the logbook (logbook_values).
+        logbook: The logbook.
+        change: What was driven.
+        floor_map: Map to draw under drives in its frame, or None.
+    """
+    folder = make_folder(path.with_name(f"{path.stem}_drives"))
+    addresses: Dict[int, str] = {}
+    taken_names = set()
+    for bag in logbook.bags:
+        if not bag.answer.has_page:
+            continue
+        # Bags of several folders may have one name.
+        page_name = bag.path.name
+        while page_name in taken_names:
+            page_name += "_"
+        taken_names.add(page_name)
+        back = f'<p><a href="../{html.escape(quote(path.name))}">All stops</a></p>'
+        page = drive_page(_drive_values(bag, change), back)
+        write_bytes(folder / f"{page_name}.html", page.html())
+        addresses[id(bag)] = quote(f"{folder.name}/{page_name}.html")
+
+    links = [_link_to(logged, addresses) for logged in logbook.stops]
+    floors = _floors(logbook, floor_map)
+    driven_notes = [DRIVEN] if change is not None else []
+    page = Page(
+        kind="why · logbook",
+        title="Why did the robot stop or slow down, and where?",
+        verdict=values["happened"],
+        scripts=SCRIPTS,
+        data={**values, "floors": floors, "links": links},
+        measured=[values["sure"], FRAMES, *driven_notes],
+    )
+    write_bytes(path, page.html())
+
+
+def _drive_values(bag: LoggedBag, change: Optional[CommonChange]) -> Dict[str, Any]:
+    """Return the values of the page of one drive, with what was driven in its world."""
+    if change is None or bag not in change.bags:
+        return bag.answer.values
+    trials = change.trials.on_course(change.bags.index(bag))
+    return {**bag.answer.values, **trials_values(trials)}
+
+
+def _link_to(logged: LoggedStop, addresses: Dict[int, str]) -> str:
+    """Return the address of a stop on the page of its drive; "" if the drive has no page."""
+    address = addresses.get(id(logged.bag))
+    if address is None:
+        return ""
+    number = 1 + logged.bag.answer.stops.index(logged.stop)
+    return f"{address}#{number}"
+
+
+def _floors(logbook: Logbook, floor_map: Optional[Grid]) -> List[Dict[str, Any]]:
+    """Return the frames with what was seen and driven in each, as JSON values."""
+    floors = []
+    for number in range(1 + max(bag.floor for bag in logbook.bags)):
+        bags = [bag for bag in logbook.bags if bag.floor == number]
+        has_map = floor_map is not None and bags[0].answer.is_shared
+        points = _map_points(floor_map) if has_map and floor_map else _seen_points(bags)
+        points, cell_m = _thinned(points)
+        tracks = []
+        for bag in bags:
+            tracks.append([row[1:] for row in bag.answer.track])
+        floors.append(
+            {
+                "frame": bags[0].answer.frame,
+                "has_map": has_map,
+                "points": points.round(2).tolist(),
+                "cell": cell_m,
+                "tracks": tracks,
+            }
+        )
+    return floors
+
+
+def _seen_points(bags: Sequence[LoggedBag]) -> np.ndarray:
+    """Return points (n, 2) [m] that the laser saw in some drives."""
+    seen_points = [point for bag in bags for point in bag.answer.seen]
+    return np.array(seen_points, float).reshape(-1, 2)
+
+
+def _map_points(floor_map: Grid) -> np.ndarray:
+    """Return the centres (n, 2) [m] of the occupied cells of a map."""
+    rows, columns = np.nonzero(is_occupied(floor_map.cells))
+    resolution = floor_map.resolution
+    x, y = transform_point(
+        floor_map.origin, (columns + 0.5) * resolution, (rows + 0.5) * resolution
+    )
+    return np.column_stack([x, y])
+
+
+def _thinned(points: np.ndarray) -> Tuple[np.ndarray, float]:
+    """Return points (n, 2), one in each cell, and the edge of the cells [m]."""
+    cell_m = CELL_M
+    while True:
+        cells = np.unique(np.rint(points / cell_m), axis=0)
+        if len(cells) <= MOST_POINTS:
+            return cells * cell_m, cell_m
+        cell_m *= 2.0

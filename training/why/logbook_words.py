@@ -1,0 +1,245 @@
+"""Logbook in words: how much was lost, what to change, and where, why and when it was lost."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from datetime import datetime
+from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
+
+from typing_extensions import override
+
+from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.why.answer import POOR, indented, sentence
+from applr_ros1.why.events import Event
+from training.why.answer import driven_rows, stops_near
+from training.why.common_change import CommonChange
+from training.why.logbook import Logbook, LoggedStop, Place
+from training.why.whole_drives import SAME_PLACE_M
+
+WORST = 10  # number of stops in a list of the worst ones
+LISTED = 8  # number of reasons, and of places, that are listed
+UNKNOWN = "the reason is not known"
+OUTSIDE = "outside the planner"
+NO_GUESS = "no guess"
+NUMBER = re.compile(r"-?\d+(\.\d+)?")
+# Where an obstacle is, and which scan shows it, differs from stop to stop.
+OBSTACLE = re.compile(r"meets the obstacle .*")
+
+
+class LostTime(NamedTuple):
+    """Stops that have something in common.
+
+    Attributes:
+        words: What they have in common.
+        stops: The stops, the worst first.
+    """
+
+    words: str
+    stops: List[LoggedStop]
+
+    @property
+    def lost(self) -> float:
+        """Time that they cost [s]."""
+        return sum(logged.stop.lost for logged in self.stops)
+
+    @override
+    def __str__(self) -> str:
+        return f"{self.lost:.0f} s in {counted(len(self.stops), 'stop')}: {self.words}"
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun."""
+    return f"{count} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
+# -- groups ----------------------------------------------------------------------------------------
+def by_reason(stops: Sequence[LoggedStop]) -> List[LostTime]:
+    """Return stops by reason, whatever was measured in each of them."""
+    groups = []
+    for group in _grouped(stops, lambda logged: general(logged.stop.reason)):
+        # Where all have the same reason, its numbers say more.
+        reasons = {logged.stop.reason or UNKNOWN for logged in group.stops}
+        groups.append(group._replace(words=reasons.pop()) if len(reasons) == 1 else group)
+    return groups
+
+
+def by_parameter(stops: Sequence[LoggedStop]) -> List[LostTime]:
+    """Return stops by the parameter that the replay's best guess changes."""
+    return _grouped(stops, parameter_of)
+
+
+def by_day(stops: Sequence[LoggedStop]) -> List[LostTime]:
+    """Return stops by day, in order of time. Those of simulated clocks have none."""
+    dated_stops = [logged for logged in stops if logged.is_dated]
+    return sorted(_grouped(dated_stops, day_of), key=lambda group: group.words)
+
+
+def _grouped(stops: Sequence[LoggedStop], words_of: Callable[[LoggedStop], str]) -> List[LostTime]:
+    """Return stops by some words, those that cost most time first."""
+    groups: DefaultDict[str, List[LoggedStop]] = defaultdict(list)
+    for logged in stops:
+        groups[words_of(logged)].append(logged)
+    lost_times = [LostTime(words, grouped_stops) for words, grouped_stops in groups.items()]
+    return sorted(lost_times, key=lambda group: -group.lost)
+
+
+def general(reason: str) -> str:
+    """Return a reason without what was measured in one stop."""
+    if not reason:
+        return UNKNOWN
+    return NUMBER.sub("…", OBSTACLE.sub("meets an obstacle", reason))
+
+
+def parameter_of(logged: LoggedStop) -> str:
+    """Return the parameter that the replay's best guess changes, or why there is none."""
+    if logged.stop.is_outside:
+        return OUTSIDE
+    return logged.bag.answer.parameter or NO_GUESS
+
+
+def day_of(logged: LoggedStop) -> str:
+    """Return the day of a stop, by the clock here."""
+    return datetime.fromtimestamp(logged.begin).strftime("%Y-%m-%d")
+
+
+# -- sentences -------------------------------------------------------------------------------------
+def headline(logbook: Logbook) -> str:
+    """Return how much was lost, and when."""
+    stops_in_words = counted(len(logbook.stops), "stop")
+    drives_in_words = counted(len(logbook.bags), "drive")
+    if not logbook.stops:
+        return f"The robot did not stop in {drives_in_words}."
+    sentence_begin = f"{stops_in_words} in {drives_in_words} cost {logbook.lost:.0f} s"
+    days = by_day(logbook.stops)
+    if not days:
+        return f"{sentence_begin}."
+    if len(days) == 1:
+        return f"{sentence_begin}, on {days[0].words}."
+    return f"{sentence_begin}, from {days[0].words} to {days[-1].words}."
+
+
+def advice(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
+    """Return what to change, and what that did when it was driven."""
+    if not logbook.stops:
+        return []
+    sentences = []
+    if change is not None:
+        sentences.append(_change_in_words(change))
+    outside = [logged for logged in logbook.stops if logged.stop.is_outside]
+    if outside:
+        listed = []
+        for group in by_reason(outside):
+            listed.append(f"{group.words} ({len(group.stops)})")
+        stops_in_words = counted(len(outside), "stop")
+        sentences.append(f"No parameter helps in {stops_in_words}: {'; '.join(listed)}.")
+    return sentences
+
+
+def _change_in_words(change: CommonChange) -> str:
+    """Return what to change for the worst stops, and what it did there."""
+    trials = change.trials
+    courses_in_words = counted(len(change.bags), "stop")
+    if trials.remedy is None:
+        seeds_in_words = " with each seed and in each world" if trials.judged else ""
+        return (
+            f"Nothing that was tried in the worlds of the worst {courses_in_words} "
+            f"helped{seeds_in_words}."
+        )
+    helped_count = sum(change.helped)
+    saved = 0.0
+    for gain, is_helped in zip(change.gains, change.helped):
+        saved += gain if is_helped else 0.0
+    result = f"{saved:.0f} s less in {helped_count} of the worst {courses_in_words}"
+    if helped_count < len(change.bags):
+        result += f", and not slower in the other {len(change.bags) - helped_count}"
+    return (
+        f"Try {trials.remedy.candidate}: {result}; {trials.remedy}, "
+        f"with the recorded values {trials.recorded}."
+    )
+
+
+def how_sure(logbook: Logbook, change: Optional[CommonChange]) -> str:
+    """Return how far replays and simulated drives agree with the recorded ones."""
+    command_count = sum(bag.answer.commands for bag in logbook.bags)
+    reproduced_count = sum(bag.answer.reproduced for bag in logbook.bags)
+    sentence_parts = []
+    if command_count:
+        share = reproduced_count / command_count
+        sentence_parts.append(
+            f"{reproduced_count:,} of {command_count:,} commands reproduced ({share:.1%})"
+        )
+    doubtful = 0
+    for bag in logbook.bags:
+        if bag.answer.commands and bag.answer.reproduced < POOR * bag.answer.commands:
+            doubtful += 1
+    if doubtful:
+        sentence_parts.append(
+            f"few in {counted(doubtful, 'drive')}, whose planner's reasons are not to be trusted"
+        )
+    if change is not None:
+        near_count = sum(_stops_there(change, number) for number in range(len(change.bags)))
+        sentence_parts.append(
+            "simulated with the recorded values, the robot stops at the same place in "
+            f"{near_count} of {len(change.bags)}"
+        )
+    if not sentence_parts:
+        return "No drive was replayed."
+    sure = "; ".join(sentence_parts)
+    return f"{sure[0].upper()}{sure[1:]}."
+
+
+def _stops_there(change: CommonChange, number: int) -> bool:
+    """Return whether the simulated robot stops where the recorded one did."""
+    answer = change.bags[number].answer
+    longest_stop = max(answer.stops, key=lambda stop: stop.end - stop.begin)
+    # Simulated drives are in the frame of the recorded one.
+    place = transform_point(inverse(answer.origin), longest_stop.x, longest_stop.y)
+    event = Event(longest_stop.kind, longest_stop.begin, longest_stop.end, place)
+    recorded = change.trials.on_course(number).recorded
+    return stops_near(recorded, event, SAME_PLACE_M * answer.scale)
+
+
+def place_in_words(place: Place) -> str:
+    """Return where a place is."""
+    worst_stop = place.stops[0]
+    x, y = worst_stop.position
+    return f"({x:.2f}, {y:.2f}) in {worst_stop.bag.answer.frame}"
+
+
+def stop_in_words(logged: LoggedStop) -> str:
+    """Return a stop with its bag."""
+    stop = logged.stop
+    event = Event(stop.kind, stop.begin, stop.end, (stop.x, stop.y), stop.reason)
+    return f"{stop.lost:.0f} s: {logged.bag.path.name}, {sentence(event)}"
+
+
+# -- terminal --------------------------------------------------------------------------------------
+def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
+    """Return the logbook for a terminal."""
+    lines = [headline(logbook), *advice(logbook, change), how_sure(logbook, change)]
+    if not logbook.stops:
+        return lines
+    lines += _listed("Time lost by reason", by_reason(logbook.stops))
+    lines += _listed("By parameter of the replay's best guess", by_parameter(logbook.stops))
+    places = [LostTime(place_in_words(place), place.stops) for place in logbook.places]
+    lines += _listed("By place", places)
+    lines += _listed("By day", by_day(logbook.stops))
+    lines.append("The worst stops:")
+    lines += indented(map(stop_in_words, logbook.stops[:WORST]))
+    if change is not None:
+        lines += driven_rows(change.trials)
+    return lines
+
+
+def _listed(title: str, groups: Sequence[LostTime]) -> List[str]:
+    """Return a heading and the first of some groups; nothing without groups."""
+    if not groups:
+        return []
+    rows = [f"{title}:", *indented(groups[:LISTED])]
+    rest = groups[LISTED:]
+    if rest:
+        lost = sum(group.lost for group in rest)
+        stop_count = sum(len(group.stops) for group in rest)
+        rows += indented([f"{lost:.0f} s in {counted(stop_count, 'stop')}: {len(rest)} others"])
+    return rows
