@@ -33,7 +33,7 @@ LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are
 # A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
 FAST = 1.25
 # Reasons that are seen from outside the planner, causes before what follows from them.
-OUTSIDE = (silent, no_plan, silent_planner, jumping, held, stopped, unmoved, stuck, recovering)
+OUTSIDE = (silent, jumping, no_plan, silent_planner, held, stopped, unmoved, stuck, recovering)
 
 
 @dataclass

@@ -32,6 +32,7 @@ GAP_S = 0.5  # longest gap between two parts of one event [s]
 # Events belong to one trap within this distance [m, for the Jackal] and with this gap at most [s].
 TRAP_M = 0.5
 TRAP_S = 10.0
+GOAL_M = 0.1  # distance within which a robot is at its goal at least [m, for the Jackal]
 # A robot at its goal stops and turns to the goal's heading: so long this is usual [s].
 AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
@@ -111,7 +112,9 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
         odometry: Motion in which events are seen.
         limits: What it is measured by.
     """
-    at_goal = distances_to_goal(drive, odometry) <= limits.tolerance
+    # A robot circles a goal whose tolerance it cannot meet.
+    goal_radius = max(limits.tolerance, GOAL_M * limits.scale)
+    at_goal = distances_to_goal(drive, odometry) <= goal_radius
     is_pursued = pursued(drive, odometry)
     is_under_way = is_pursued & ~at_goal
 

@@ -136,6 +136,12 @@ def _nothing_faster(moment: CycleMoment) -> str:
     if fastest_speed >= SLOW * values["max_vel_x"]:
         return ""
     limits = f"vx_samples {values['vx_samples']:g}, acc_lim_x {values['acc_lim_x']:g}"
+    # Both planners sample no speed with which sim_time would lead past the end of the plan.
+    x, y, _ = moment.asked.pose
+    end_x, end_y = moment.asked.plan[-1, :2]
+    speed_to_end = math.hypot(end_x - x, end_y - y) / values["sim_time"]
+    if speed_to_end < SLOW * values["max_vel_x"]:
+        limits += f", sim_time {values['sim_time']:g} before the end of the plan"
     return f"no faster way is sampled than {fastest_speed:.2f} m/s ({limits})"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
-from applr_ros1.drives.drive import Rows
+from applr_ros1.drives.drive import Rows, Verdicts
 from applr_ros1.monitor.monitor import REVERSING
 from applr_ros1.why.stretch import (
     SILENT_S,
@@ -33,6 +33,9 @@ PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
 # Share of the time in which the monitor delays reversals from which on it holds the robot. A
 # planner that keeps changing its direction is delayed for less.
 DELAYED_SHARE = 0.3
+# Share of a stretch in which the planner drives forward, from which on it counts what the monitor
+# does to these commands alone
+FORWARD_SHARE = 0.2
 PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
 # A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
 HELD_M = 0.5
@@ -163,11 +166,32 @@ def held(stretch: Stretch) -> str:
     if delayed_s > DELAYED_SHARE * stretch.seconds:
         blocked_s[REVERSING] += delayed_s
     blocked_total = sum(blocked_s.values())
-    if not stretch.is_reason(blocked_total):
+    if not stretch.is_reason(blocked_total) and not _is_kept_from_advancing(stretch, verdicts):
         return ""
     reason = max(blocked_s, key=blocked_s.__getitem__)
     share = f"{100 * blocked_total / stretch.seconds:.0f} %"
     return f"the collision monitor intervenes {share} of the time: {reason}"
+
+
+def _is_kept_from_advancing(stretch: Stretch, verdicts: Verdicts) -> bool:
+    """Return whether the monitor blocks most commands to drive forward.
+
+    Between them the planner may back out, which the monitor allows, before it tries again.
+
+    Args:
+        stretch: The stretch.
+        verdicts: Verdicts in force in it.
+    """
+    planned = stretch.part(stretch.drive.planned)
+    if planned is None:
+        return False
+    drives_forward = planned.twist[:, 0] >= DRIVES_SPEED
+    verdict_rows = latest_rows(verdicts, planned.time + PASS_ON_S)
+    is_blocked = np.array(verdicts.blocked, bool)[verdict_rows]
+    seconds = durations(planned, stretch.end)
+    forward_s = float(seconds[drives_forward].sum())
+    blocked_s = float(seconds[drives_forward & is_blocked].sum())
+    return forward_s > FORWARD_SHARE * stretch.seconds and blocked_s > stretch.share * forward_s
 
 
 def stopped(stretch: Stretch) -> str:

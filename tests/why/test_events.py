@@ -7,7 +7,8 @@ import pytest
 
 from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans, Verdicts
 from applr_ros1.why import events, reasons
-from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits
+from applr_ros1.why.diagnosis import give_outside_reason
+from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -16,13 +17,13 @@ TOP = 0.5
 TURN = 1.5
 
 
-def found(drive):
-    """Return the events of a robot as large as the Jackal, whose goal has a tolerance of 0.25 m."""
+def found(drive, tolerance=0.25):
+    """Return the events of a robot as large as the Jackal, whose goal has a tolerance [m]."""
     row_count = len(drive.odometry)
     limits = DriveLimits(
         speed=np.full(row_count, TOP),
         turn=np.full(row_count, TURN),
-        tolerance=0.25,
+        tolerance=tolerance,
         scale=1.0,
         end=drive.end,
     )
@@ -88,6 +89,15 @@ def test_short_stops_and_an_arrival_are_no_events():
     waits = drive_of(DRIVES + STANDS * 2, goal)
     assert kinds(arrives) == []
     assert kinds(waits) == [AT_GOAL]
+
+
+def test_a_robot_that_circles_a_goal_beyond_its_tolerance_is_at_its_goal():
+    # It ends 0.09 m before the goal.
+    waits = drive_of(DRIVES + STANDS * 2, goal=(1.59, 0.0))
+    farther = drive_of(DRIVES + STANDS * 2, goal=(1.62, 0.0))
+    for drive, kind in ((waits, AT_GOAL), (farther, "stood")):
+        (event,) = found(drive, tolerance=0.01)
+        assert event.kind == kind
 
 
 def test_there_are_no_events_without_a_goal():
@@ -214,6 +224,18 @@ def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
     assert jump([0.0, 0.0, -1.0]) == "the heading jumped by 1.0 rad"
 
 
+def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
+    odometry = stopped.odometry
+    poses = odometry.pose.copy()
+    poses[odometry.time > 2.9] += (0.8, 0.0, 0.0)
+    no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
+    drive = replace(stopped, odometry=replace(odometry, pose=poses), routes=no_path)
+    event = Event("stood", 3.0, 6.0, (1.5, 0.0))
+    give_outside_reason(event, drive, 0.05)
+    assert event.reason == "the pose jumped by 0.8 m"
+    assert event.is_outside
+
+
 def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
     planned = stopped.planned
 
@@ -246,6 +268,29 @@ def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
     assert stops_within == "the collision monitor intervenes 70 % of the time: a wall"
     assert held((1.0, "stop", "a wall"), (2.9, "pass", "")) == ""
     assert held((6.5, "stop", "a wall")) == ""
+
+
+def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_backs_out(stopped):
+    planned = stopped.planned
+    # The planner drives forward in the first 0.4 s of each second, and backs out in the others.
+    is_forward = planned.time % 1.0 < 0.4
+    twists = np.where(is_forward[:, None], (0.5, 0.0), (-0.1, 0.0))
+    seconds = np.arange(10.0)
+
+    def held(blocked_s, backing=planned.time < 0.0):
+        """Return the reason if the monitor blocks the robot for the first part of each second."""
+        times = np.column_stack([seconds, seconds + blocked_s]).ravel()
+        actions = ["stop", "pass"] * len(seconds)
+        words = ["a wall", ""] * len(seconds)
+        verdicts = Verdicts(times, actions, words, [True, False] * len(seconds))
+        commanded = np.where(backing[:, None], (-0.1, 0.0), twists)
+        commands = Commands(planned.time, commanded)
+        return reasons.held(stretch_of(replace(stopped, planned=commands, verdicts=verdicts)))
+
+    assert held(0.39) == "the collision monitor intervenes 39 % of the time: a wall"
+    assert held(0.1) == ""
+    # One that only backs out is not kept from anything.
+    assert held(0.39, backing=planned.time >= 0.0) == ""
 
 
 def test_a_base_that_does_not_follow_is_a_reason(stopped):

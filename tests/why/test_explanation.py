@@ -171,6 +171,18 @@ def test_a_plan_that_leads_back_is_the_whole_reason(sound):
     assert "leads back" not in explain(sound, cycle).words
 
 
+def test_a_sim_time_that_leads_past_the_end_of_the_plan_is_named(sound):
+    cycle = sound.cycles[5]
+    long_time = cycle.settings.with_(Change(PLANNER, "sim_time", 2.0, 10.0))
+    x, y, _ = cycle.pose
+    from_robot = np.hypot(cycle.plan[:, 0] - x, cycle.plan[:, 1] - y)
+    # The plan ends 1 m ahead.
+    short_plan = cycle.plan[: int(np.argmax(from_robot > 1.0))]
+    words = explain(sound, replace(cycle, settings=long_time, plan=short_plan)).words
+    assert words.startswith("no faster way is sampled than 0.1")
+    assert words.endswith("acc_lim_x 10, sim_time 10 before the end of the plan)")
+
+
 def test_samples_that_dwa_refuses_are_explained():
     """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower
     than min_vel_theta.

@@ -53,7 +53,7 @@ from applr_ros1.why.recorded import CHANNELS
 LOOK_S = 1.0  # interval between two looks for a stop, in wall time [s]
 SEARCH_S = 3.0  # interval between two searches for topics, in wall time [s]
 REPORT_S = 2.0  # interval between diagnostics, in wall time [s]
-MOST_BYTES = 130_000_000  # largest memory of the messages [bytes]
+MOST_BYTES = 70_000_000  # largest memory of the messages, nine to ten minutes of a Jackal [bytes]
 MOST_STOPS = 500  # largest number of bags
 MOST_MINUTES = 10.0  # longest time that can be kept [min]
 NO_ROBOT = "none"  # value of ~robot of a robot without a description

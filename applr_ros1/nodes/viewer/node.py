@@ -31,6 +31,7 @@ from applr_ros1.robots import Robot
 
 from . import admission, look, panel, scene
 from .listening import Listener, by_hand, publish
+from .stop_card import StopCard
 
 RATE_HZ = 10.0  # frame rate while a page is open, in wall time [Hz]
 IDLE_S = 0.2  # interval between checks for an open page [s]
@@ -45,6 +46,7 @@ LEGEND = look.legend(
     ("line costs", look.CHEAP, "trajectories, cheap to dear"),
     ("line", "goal", "trajectory of the lowest cost"),
     ("", "goal", "goal"),
+    ("", "bad", "last stop"),
 )
 HINT = "Cancel all goals (key S). A click on the ground sets a goal."
 STARTS = "starting: the first start on a computer compiles code, which takes about a minute"
@@ -89,6 +91,7 @@ class Viewer:
         self.text = ""
         gui.add_button("Stop", hint=HINT).on_click(lambda _: self.stop())
         gui.add_command("Stop", hotkey="S").on_trigger(lambda _: self.stop())
+        self.stop_card = StopCard(self.server, self.listener)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self.panel = panel.Panel(gui, robot, self.listener, self.report)
@@ -156,6 +159,7 @@ class Viewer:
         is_driving = goal_status is not None and goal_status.status in panel.UNDER_WAY
         self.panel.update()
         self.scene.draw(is_driving)
+        self.stop_card.draw()
         for client in self.server.get_clients().values():
             self.scene.follow(client)
         self._write_status(goal_status, speed, is_driving)

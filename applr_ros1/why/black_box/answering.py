@@ -127,6 +127,9 @@ def answers_of(
         yield replace(outside_answer, note=OTHER_PLANNER)
         return
     yield outside_answer
+    # A replay would tell nothing more of a reason that lies outside the planner.
+    if event.is_outside:
+        return
     try:
         yield from _replayed(outside_answer, messages, drive, described_robot, stop)
     except ApplrError as problem:
