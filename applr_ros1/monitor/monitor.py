@@ -17,6 +17,7 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.lasers import Lasers, WatchedLaser
+from applr_ros1.monitor.matched_frame import MatchedFrame
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
@@ -150,6 +151,7 @@ class CollisionMonitor:
         silence: time after a command at which the base must be braked() unless another command
             arrives [s].
         strays: lasers that the latest scan has let go.
+        matched_frame: frame of corrected poses for planners.
     """
 
     def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
@@ -170,6 +172,7 @@ class CollisionMonitor:
         self._lasers = Lasers(self.settings, ("", *more_scans))
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
+        self.matched_frame = MatchedFrame()
         self.motion = PoseMotion()
         self.reset()
 
@@ -186,6 +189,7 @@ class CollisionMonitor:
         self.strays: List[WatchedLaser] = []
         self.seen.clear()
         self.matcher.clear()
+        self.matched_frame.clear()
         self.motion.clear()
         self.ages = Ages(scan=0.0, pose=0.0, twist=0.0)
         self._pose: Optional[Pose] = None  # latest pose of the odometry
@@ -230,6 +234,7 @@ class CollisionMonitor:
         suspects = laser.suspects.update(scan)
 
         # The first laser corrects the pose, before any point of the scan is stored.
+        correction_before = self.matcher.correction
         if laser is self._lasers.first:
             is_partial = len(suspects.x) > 0
             self.matcher.add_scan(without_movers(scan, suspects), is_partial)
@@ -243,7 +248,9 @@ class CollisionMonitor:
 
         # While the wheels slip, what stands seems to move in the odometry's frame. In that of the
         # corrected poses only what moves does.
-        laser.movers.update(scan)
+        movers = laser.movers.update(scan)
+        if not len(suspects.x) and not len(movers.x):
+            self.matched_frame.follow(self.matcher, correction_before)
         if self.settings.mover_speed > 0.0:
             laser.gaps = gaps_in(scan)
 
@@ -260,8 +267,8 @@ class CollisionMonitor:
         if self.strays:
             self.seen.clear()
         if self._lasers.first is not first_laser:
-            # The poses were corrected by the scans of the stray. Their frame goes on.
-            self.matcher.forget_scans()
+            # The poses were corrected by the scans of the stray.
+            self.matcher.clear()
             self._forget_place()
             for watched in self._lasers:
                 watched.forget_tracks()

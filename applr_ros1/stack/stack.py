@@ -99,7 +99,7 @@ class Stack:
         """
         if self.monitor is None or self.move_base.global_frame != self._matched_frame:
             return None
-        return self.monitor.matcher.correction
+        return self.monitor.matched_frame.correction
 
     @property
     def movers(self) -> np.ndarray:

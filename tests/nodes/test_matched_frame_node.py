@@ -11,8 +11,8 @@ import rospy
 from applr_ros1.common.angles import compose
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.monitor import matched_frame
-from applr_ros1.nodes.monitor.matched_frame import MatchedFrame
+from applr_ros1.nodes.monitor import frame_broadcaster
+from applr_ros1.nodes.monitor.frame_broadcaster import FrameBroadcaster
 from applr_ros1.nodes.monitor.node import CollisionMonitorNode
 from applr_ros1.nodes.move_base.frame_restart import FrameRestart
 from applr_ros1.nodes.move_base.node import MoveBaseNode
@@ -27,8 +27,8 @@ def broadcast(monkeypatch):
     """Return a frame, and the transforms that it has broadcast so far."""
     transforms = []
     publisher = SimpleNamespace(publish=lambda message: transforms.extend(message.transforms))
-    monkeypatch.setattr(matched_frame.rospy, "Publisher", lambda *_, **__: publisher)
-    return MatchedFrame("robot1/odom", "robot1/matched"), transforms
+    monkeypatch.setattr(frame_broadcaster.rospy, "Publisher", lambda *_, **__: publisher)
+    return FrameBroadcaster("robot1/odom", "robot1/matched"), transforms
 
 
 def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(broadcast):
@@ -139,6 +139,6 @@ def test_goal_and_maps_follow_a_monitor_that_starts_again(monkeypatch):
 def test_an_error_of_the_monitor_does_not_move_its_frame(monkeypatch):
     monkeypatch.setattr(rospy, "logerr_throttle", MagicMock())
     node = MagicMock(monitor=CollisionMonitor())
-    node.monitor.matcher.correction = CORRECTION
+    node.monitor.matched_frame.correction = CORRECTION
     CollisionMonitorNode._fail(node, ValueError("a test"))
-    assert node.monitor.matcher.correction == CORRECTION
+    assert node.monitor.matched_frame.correction == CORRECTION

@@ -5,7 +5,7 @@ cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor allows. If the 
 overdue, the node itself sends braking commands, and then zeros until the base has stood still for a
 second. After an exception, the node stops the base and reports the exception on /diagnostics. With
 ~escape, the node makes small escape motions while move_base is stuck or blocked although a goal is
-active. The node broadcasts the frame of its matched poses (matched_frame.py).
+active. The node broadcasts the frame of its matched poses (frame_broadcaster.py).
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of
 further lasers; default: those of the description), ~escape (false), and the fields of
@@ -46,8 +46,8 @@ from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
 from applr_ros1.stack.stuck import CommandChain, StalledPlanner
 
+from .frame_broadcaster import FrameBroadcaster
 from .guard import Heartbeat, publish_zeros
-from .matched_frame import MatchedFrame
 from .move_base_progress import MoveBaseProgress
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
@@ -108,7 +108,7 @@ class CollisionMonitorNode:
         self._more_scans = more_scans
         odometry_frame = prefix + robot.frames.odom
         self.sensors = Sensors.of_lasers(robot, prefix, odometry_frame, more_scans)
-        self._matched_frame = MatchedFrame(odometry_frame, prefix + robot.frames.matched)
+        self._broadcaster = FrameBroadcaster(odometry_frame, prefix + robot.frames.matched)
         self._commands = rospy.Publisher(
             robot.topics.cmd_vel, TwistMessage, queue_size=1, latch=True
         )
@@ -135,7 +135,7 @@ class CollisionMonitorNode:
             with self._lock:
                 try:
                     self._take_scans()
-                    self._matched_frame.update(self._clock.now, self.monitor.matcher.correction)
+                    self._broadcaster.update(self._clock.now, self.monitor.matched_frame.correction)
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)
@@ -156,7 +156,7 @@ class CollisionMonitorNode:
             rospy.logwarn("collision monitor: the clock jumped back; starting anew")
             self.sensors.forget()
             self.monitor.reset()
-            self._matched_frame.forget()
+            self._broadcaster.forget()
             self._commanded = rospy.Time(0)
             self._stray_line = ""
             if self._planner is not None:
@@ -289,9 +289,9 @@ class CollisionMonitorNode:
         self._commands.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         # Who drives in the frame of the matched poses must not see it jump.
-        correction = self.monitor.matcher.correction
+        correction = self.monitor.matched_frame.correction
         self.monitor.reset()
-        self.monitor.matcher.correction = correction
+        self.monitor.matched_frame.correction = correction
         reason = f"the monitor failed: {problem!r}; please report it"
         self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 

@@ -18,7 +18,7 @@ PERIOD_S = 0.05  # interval between transforms [s], in ROS time
 LEAD_S = 0.1
 
 
-class MatchedFrame:
+class FrameBroadcaster:
     """Broadcaster of the latest correction of the odometry.
 
     It is broadcast without a new scan, too, because the correction before it holds on.
