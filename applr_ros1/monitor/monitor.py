@@ -250,7 +250,7 @@ class CollisionMonitor:
         # corrected poses only what moves does.
         movers = laser.movers.update(scan)
         if not len(suspects.x) and not len(movers.x):
-            self.matched_frame.follow(correction_before, self.matcher.correction)
+            self.matched_frame.follow(self.matcher, correction_before)
         if self.settings.mover_speed > 0.0:
             laser.gaps = gaps_in(scan)
 

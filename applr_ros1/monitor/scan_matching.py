@@ -112,6 +112,14 @@ class ScanMatcher:
         # Forward and leftward speed [m/s] and turn rate [rad/s] of the last motion.
         self._speed: Pose = (0.0, 0.0, 0.0)
 
+    @property
+    def support(self) -> float:
+        """Share of the beams that measures in the direction in which fewest do (support_of).
+
+        It is that of the earlier scan against which the latest one was matched.
+        """
+        return float(support_of(self._lines))
+
     def corrected(self, pose: Pose) -> Pose:
         """Return the corrected pose for a pose (x, y, yaw) of the odometry frame [m, rad]."""
         return compose(self.correction, pose)
@@ -264,6 +272,31 @@ class ScanMatcher:
             self._poses = np.array(list(map(_pose_of, self._references)))
         index: int = _nearest(self._poses, pose)
         return index
+
+
+@kernel
+def support_of(surface: Array) -> float:
+    """Return how many beams measure a motion in the direction in which fewest do, as share of all.
+
+    It is the smaller eigenvalue of the sum of n n^T over the normals n, by the number of beams: 0
+    before a bare wall, 0.5 in the middle of a round wall.
+
+    Args:
+        surface: lines() of a scan.
+    """
+    beam_count = surface.shape[0]
+    xx = 0.0
+    xy = 0.0
+    yy = 0.0
+    for beam in range(beam_count):
+        normal_x = surface[beam, 2]
+        normal_y = surface[beam, 3]
+        if not math.isnan(normal_x):
+            xx += normal_x * normal_x
+            xy += normal_x * normal_y
+            yy += normal_y * normal_y
+    smallest = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    return float(smallest / max(beam_count, 1))
 
 
 def _pose_of(rays: ScanRays) -> Pose:
