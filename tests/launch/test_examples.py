@@ -43,6 +43,7 @@ def test_foreign_learner(tmp_path, monkeypatch, capsys):
     assert load(tmp_path / "a.safetensors").metadata["training"]["learner"] == "stable-baselines3"
 
 
+@pytest.mark.heavy
 def test_own_method(tmp_path):
     names = f"dwa,{ROOT}/examples/02_own_method/cautious.py:Cautious"
     options = ["--worlds=generated:7", "--trials=1", "--methods", names, "--out", str(tmp_path)]

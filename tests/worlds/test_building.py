@@ -296,6 +296,7 @@ def test_courses_keep_their_distances(plan):
     assert np.ptp(lengths) > 8.0
 
 
+@pytest.mark.heavy
 def test_start_and_goal_lie_on_the_path_and_point_along_it(plan):
     _, path = plan
     for course in courses_of(path):
