@@ -190,6 +190,13 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
     MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
 
 
+def test_half_of_an_inflation_that_is_too_wide_is_tried():
+    too_wide = in_both(INFLATION_LAYERS, "inflation_radius", 1.0, 4.0)
+    candidate, *_ = file_candidates(with_changes(BURGER, too_wide, "burger with a fault"))
+    assert candidate.names == ["inflation_radius"]
+    assert [change.after for change in candidate.changes] == [2.0, 2.0]
+
+
 def test_a_robot_is_tried_with_obstacles_marked_two_seconds_ahead_or_as_far_as_its_policy_asks(
     monkeypatch,
 ):
