@@ -175,10 +175,11 @@ def write_pages(
 
 def _drive_values(bag: LoggedBag, change: Optional[CommonChange]) -> Dict[str, Any]:
     """Return the values of the page of one drive, with what was driven in its world."""
+    values = {**bag.answer.values, "lines": bag.answer.values["answer"]}
     if change is None or bag not in change.bags:
-        return bag.answer.values
+        return values
     trials = change.trials.on_course(change.bags.index(bag))
-    return {**bag.answer.values, **trials_values(trials)}
+    return {**values, **trials_values(trials)}
 
 
 def _link_to(logged: LoggedStop, addresses: Dict[int, str]) -> str:

@@ -195,6 +195,13 @@ def test_the_worst_stops_are_those_a_parameter_may_help_of_one_robot():
     assert [bag.answer.stops[0].lost for bag in chosen] == [11, 10, 9, 8, 7, 6, 5, 4]
 
 
+def test_bags_of_several_robots_are_named_with_the_one_that_gets_advice():
+    bags = [drivable(5.0, 1.0), drivable(20.0, 1.0, robot="husky", name="h.bag")]
+    (note,) = logbook.notes_of_robots(book_of(*bags))
+    assert note.startswith("bags of several robots, husky (20 s), jackal (5 s): a change is sought")
+    assert logbook.notes_of_robots(book_of(bags[0])) == []
+
+
 def test_drives_are_made_once_and_kept_beside_their_bag(monkeypatch):
     calls = []
 
@@ -295,6 +302,8 @@ def test_a_folder_gives_a_logbook_that_goes_on_where_it_stopped(folder, capsys, 
     assert pages == ["first.bag.html", "first.bag_.html"]
     linked, *_ = data_of(page_file.read_text())["links"]
     assert (folder.parent / linked.partition("#")[0]).is_file()
+    with opened(folder.parent / linked.partition("#")[0]) as page:
+        assert page.get_by_role("link", name="All stops").count() == 1
     with opened(page_file) as page:
         focused(page, "button", "Place 1").press("Enter")
         assert page.get_by_role("heading", name="2 stops").count() == 1
