@@ -72,6 +72,8 @@ def test_a_change_for_several_courses_gains_over_all_of_them_and_harms_none():
     assert remedy_on({"": 40.0, 1.0: 37.0}, {"": 20.0, 1.0: 20.0}, values=(1.0,)) is None
     # A failure where the recorded values arrive harms, whatever it gains elsewhere.
     assert remedy_on(first, {"": 20.0, 1.0: 99.0, 1.5: 99.0}) is None
+    # Also if the limit of 60 s is hardly more, and as many arrive as before
+    assert remedy_on({"": 99.0, 1.0: 10.0}, {"": 58.0, 1.0: 99.0}, values=(1.0,)) is None
 
 
 def test_the_drives_of_one_course_are_found_among_those_of_all():
@@ -144,9 +146,12 @@ def test_odometry_frames_are_one_only_if_the_laser_saw_the_same_there():
         logged_bag(frame="map", is_shared=True),
         logged_bag(frame="map", is_shared=True),
         logged_bag(seen=[]),
+        # Too little to compare
+        logged_bag(seen=[[50.0, 50.0]]),
+        logged_bag(seen=[[50.0, 50.0]]),
     ]
     logbook._set_floors(bags)
-    assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3]
+    assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3, 4, 5]
 
 
 def test_a_drive_is_placed_in_the_frame_of_its_plans_if_tf_connects_both():
@@ -226,6 +231,11 @@ def test_candidates_that_rank_high_in_many_stops_come_first():
     bags = [drivable(9.0, 1.0, 3.0), drivable(8.0, 3.0, 1.5), drivable(7.0, 3.0)]
     values = [candidate.changes[0].after for candidate in merged(bags)]
     assert values == [3.0, 1.0, 1.5]
+
+    # Twice the third is less than once the first.
+    bags = [drivable(9.0, 1.0, 1.4, 1.5), drivable(8.0, 3.0, 1.6, 1.5)]
+    values = [candidate.changes[0].after for candidate in merged(bags)]
+    assert values[:3] == [1.0, 3.0, 1.5]
 
 
 def test_the_worst_stops_are_those_a_parameter_may_help_of_one_robot():
