@@ -155,14 +155,21 @@ def logbook_of(
     if len(stops) < stop_count:
         notes.append(f"{stop_count - len(stops)} stops are in two bags: they are counted once")
     logbook = Logbook(bags, stops, places_of(stops), notes)
-    if len(logbook.robots) > 1:
-        listed = ", ".join(f"{name} ({lost:.0f} s)" for name, lost in logbook.robots.items())
-        first_robot = next(iter(logbook.robots))
-        notes.append(
-            f"bags of several robots, {listed}: a change is sought for {first_robot}; "
-            "give the bags of another one alone"
-        )
+    notes += notes_of_robots(logbook)
     return logbook
+
+
+def notes_of_robots(logbook: Logbook) -> List[str]:
+    """Return what is to be said of bags of several robots, of which one gets advice."""
+    lost_by_robot = logbook.robots
+    if len(lost_by_robot) < 2:
+        return []
+    listed = ", ".join(f"{name} ({lost:.0f} s)" for name, lost in lost_by_robot.items())
+    first_robot = next(iter(lost_by_robot))
+    return [
+        f"bags of several robots, {listed}: a change is sought for {first_robot}; "
+        "give the bags of another one alone"
+    ]
 
 
 # -- bags ------------------------------------------------------------------------------------------

@@ -175,10 +175,11 @@ def write_pages(
 
 def _drive_values(bag: LoggedBag, change: Optional[CommonChange]) -> Dict[str, Any]:
     """Return the values of the page of one drive, with what was driven in its world."""
+    values = {**bag.answer.values, "lines": bag.answer.values["answer"]}
     if change is None or bag not in change.bags:
-        return bag.answer.values
+        return values
     trials = change.trials.on_course(change.bags.index(bag))
-    return {**bag.answer.values, **trials_values(trials)}
+    return {**values, **trials_values(trials)}
 
 
 def _link_to(logged: LoggedStop, addresses: Dict[int, str]) -> str:
@@ -196,8 +197,12 @@ def _floors(logbook: Logbook, floor_map: Optional[Grid]) -> List[Dict[str, Any]]
     for number in range(1 + max(bag.floor for bag in logbook.bags)):
         bags = [bag for bag in logbook.bags if bag.floor == number]
         has_map = floor_map is not None and bags[0].answer.is_shared
-        points = _map_points(floor_map) if has_map and floor_map else _seen_points(bags)
-        points, cell_m = _thinned(points)
+        points = _seen_points(bags)
+        smallest_cell = CELL_M
+        if floor_map is not None and has_map:
+            points = _map_points(floor_map)
+            smallest_cell = max(CELL_M, floor_map.resolution)
+        points, cell_m = _thinned(points, smallest_cell)
         tracks = []
         for bag in bags:
             tracks.append([row[1:] for row in bag.answer.track])
@@ -229,11 +234,10 @@ def _map_points(floor_map: Grid) -> np.ndarray:
     return np.column_stack([x, y])
 
 
-def _thinned(points: np.ndarray) -> Tuple[np.ndarray, float]:
-    """Return points (n, 2), one in each cell, and the edge of the cells [m]."""
-    cell_m = CELL_M
+def _thinned(points: np.ndarray, cell_m: float) -> Tuple[np.ndarray, float]:
+    """Return points (n, 2), one in each cell, and the edge of the cells [m], from cell_m on."""
     while True:
-        cells = np.unique(np.rint(points / cell_m), axis=0)
+        cells = np.unique(np.floor(points / cell_m), axis=0)
         if len(cells) <= MOST_POINTS:
-            return cells * cell_m, cell_m
+            return (cells + 0.5) * cell_m, cell_m
         cell_m *= 2.0
