@@ -540,7 +540,8 @@ class Robot:
     """Robot described by a folder of the same name.
 
     Its fields are those of RobotFile, and `uses_map`: whether it drives with its parameters for a
-    map.
+    map, and `is_running`: whether these were read from a running move_base, so that their
+    `meter_scoring` is in force. This package's stack overrides that of a robot's files.
     """
 
     name: str
@@ -557,6 +558,7 @@ class Robot:
     space: Tuple[SpaceParameter, ...]
     move_base: MoveBaseSetup = field(repr=False, hash=False)  # Dicts have no hash.
     uses_map: bool = False
+    is_running: bool = field(default=False, repr=False)
 
     def on_map(self) -> Robot:
         """Return the robot with its parameters for driving on a map in use.

@@ -6,7 +6,7 @@ nothing is commanded, and a command that the collision monitor stops moves nothi
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import DefaultDict, List, Optional
 
 import numpy as np
@@ -25,6 +25,7 @@ from applr_ros1.why.stretch import (
 )
 
 BEFORE_S = 1.0  # time before a stop in which its cause may lie [s]
+JUMP_BEFORE_S = 3.0  # the same of a jump of the pose, after which the robot may drive on first [s]
 SILENT_PERIODS = 5.0  # shortest silence of a source, in its usual gaps
 # A command asks for motion from these on [m/s, rad/s].
 DRIVES_SPEED = 0.05
@@ -84,7 +85,7 @@ def jumping(stretch: Stretch) -> str:
     odometry = stretch.drive.odometry
     if odometry is None:
         return ""
-    around = odometry.between(stretch.begin - BEFORE_S, stretch.begin + BEFORE_S)
+    around = odometry.between(stretch.begin - JUMP_BEFORE_S, stretch.begin + BEFORE_S)
     if len(around) < 2:
         return ""
     # What the pose changes by beyond the measured velocity
@@ -212,10 +213,24 @@ def stopped(stretch: Stretch) -> str:
     if not stretch.is_reason(float(seconds[is_stopped].sum())):
         return ""
     speed = _in_words(planned.twist[is_stopped])
+    monitor_reason = _reason_of_monitor(stretch, planned.time[is_stopped])
+    if monitor_reason:
+        return f"the collision monitor lets nothing of {speed} pass: {monitor_reason}"
     return (
         f"move_base commanded {speed}, but nothing of it reached the base "
         "(collision monitor, mux or emergency stop)"
     )
+
+
+def _reason_of_monitor(stretch: Stretch, times: np.ndarray) -> str:
+    """Return why the monitor changed most of the commands of some times (n,) [s], or ""."""
+    verdicts = stretch.in_force(stretch.drive.verdicts)
+    if verdicts is None:
+        return ""
+    verdict_rows = latest_rows(verdicts, times + PASS_ON_S)
+    reason_counts = Counter(verdicts.reason[row] for row in verdict_rows)
+    reason, count = reason_counts.most_common(1)[0]
+    return reason if count > stretch.share * len(times) else ""
 
 
 def unmoved(stretch: Stretch) -> str:

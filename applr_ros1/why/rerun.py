@@ -5,7 +5,7 @@ A question holds all that the planner needs, so that questions may be asked in a
 
 from __future__ import annotations
 
-from typing import Any, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -47,6 +47,17 @@ class Ahead(NamedTuple):
     lethal_points: np.ndarray
 
 
+def driven_parameters(robot: Robot) -> Dict[str, Any]:
+    """Return the parameters with which a robot's move_base drives.
+
+    Its distance biases are per cell, unless a running move_base said otherwise.
+    """
+    parameters = robot.parameters()
+    if robot.is_running:
+        return parameters
+    return counting_cells(parameters)
+
+
 class RerunPlanner:
     """Local planner of a robot with its costmap, by the parameters of the robot's files.
 
@@ -60,7 +71,7 @@ class RerunPlanner:
     """
 
     def __init__(self, robot: Robot):
-        self._move_base = MoveBase(counting_cells(robot.parameters()))
+        self._move_base = MoveBase(driven_parameters(robot))
         self._local: Any = self._move_base.local_planner
         self._costmap = self._move_base.local_costmap
         self._settings: Optional[Settings] = None  # Those that the MoveBase has, if they are known

@@ -320,11 +320,11 @@ POSTS = [(1.5, 0.8, 0.15), (1.5, 1.4, 0.15)]
 PLANNER = "/move_base/TrajectoryPlannerROS"
 
 
-def start(master, parameters=None, sim_time=False, name="move_base"):
-    """Start the node and return its Child once it is ready."""
+def start(master, parameters=None, sim_time=False, name="move_base", program="move_base"):
+    """Start the node, or a stand-in for it, and return its Child once it is ready."""
     rospy.set_param("/" + name, parameters or JACKAL_PARAMETERS)
     rospy.set_param("/use_sim_time", sim_time)
-    child = master.node("move_base", "odom:=odometry/filtered")
+    child = master.node(program, "odom:=odometry/filtered")
     child.until("ready")
     # Nodes read the parameter at their start. This process, and nodes that start later, use wall
     # time.

@@ -211,10 +211,10 @@ def test_the_time_without_a_plan_is_a_reason(stopped):
 
 def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
     def jump(offset):
-        """Return the reason if poses shift by (x, y, yaw) just before the robot stands."""
+        """Return the reason if poses shift by (x, y, yaw) three seconds before the robot stands."""
         odometry = stopped.odometry
         poses = odometry.pose.copy()
-        poses[odometry.time > 2.9] += offset
+        poses[odometry.time > 0.2] += offset
         drive = replace(stopped, odometry=replace(odometry, pose=poses))
         return reasons.jumping(stretch_of(drive))
 
@@ -251,6 +251,15 @@ def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
     assert reason(-0.5).startswith(nothing)
     # A monitor that slows the robot down is no reason why it stands.
     assert reason(0.5) == ""
+
+    # A monitor that slows it to nothing is one.
+    slowed = Verdicts(np.array([0.0]), ["slow"], ["limited: a wall"], [False])
+    commands = Commands(planned.time, 0.0 * planned.twist)
+    drive = replace(stopped, commands=commands, verdicts=slowed)
+    monitor_words = "the collision monitor lets nothing of 0.50 m/s pass: limited: a wall"
+    assert reasons.stopped(stretch_of(drive)) == monitor_words
+    passed = Verdicts(np.array([0.0]), ["pass"], [""], [False])
+    assert reasons.stopped(stretch_of(replace(drive, verdicts=passed))).startswith(nothing)
 
 
 def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):

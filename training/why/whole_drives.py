@@ -21,7 +21,6 @@ from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
@@ -29,6 +28,7 @@ from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
+from applr_ros1.why.rerun import driven_parameters
 from training.why.candidates import Candidate, with_changes
 from training.why.deciding import POLICY
 from training.workers.calls import CallFailed
@@ -208,7 +208,7 @@ def drive_once(
     limit = min(conditions.limit, float(np.ceil(to_beat)))
     stack = Stack(
         robot,
-        MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed),
+        MoveBase(driven_parameters(robot), planner=CPP_LIKE, seed=seed),
         monitor=conditions.has_monitor,
         escapes=conditions.has_monitor,
     )

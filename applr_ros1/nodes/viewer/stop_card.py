@@ -14,7 +14,7 @@ from applr_ros1.msg import Stop
 from .listening import Listener
 
 ANSWER = "black_box/answer"
-RADIUS_M = 0.12  # of the ball that marks the place [m]
+RADIUS_M = 0.12  # radius of the ball that marks the place [m]
 
 
 class StopCard:

@@ -66,6 +66,7 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
         topics = {name: str(topic) for name, topic in content["topics"].items()}
         known_topics = {name: topics[name] for name in vars(TopicNames()) if name in topics}
         robot = described(content["robot"], str(content["name"]), bag_name)
+        robot = driving(robot, robot.parameters())
         return DescribedRobot(robot, TopicNames(**known_topics), bool(content["is_known"]))
     except (KeyError, TypeError, AttributeError):
         problem = f"{TOPIC} does not describe a robot"
@@ -74,7 +75,7 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
 
 def driving(robot: Robot, tree: Dict[str, Any]) -> Robot:
     """Return a described robot with the parameters with which its move_base runs."""
-    return replace(robot, move_base=MoveBaseSetup(tree), uses_map=False)
+    return replace(robot, move_base=MoveBaseSetup(tree), uses_map=False, is_running=True)
 
 
 def unknown_robot(tree: Dict[str, Any]) -> Robot:

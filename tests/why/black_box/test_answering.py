@@ -8,6 +8,7 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Verdicts
+from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
@@ -37,7 +38,9 @@ def answers(path, robot, drive, stop=None, described=None):
         described: Robot that is described instead.
     """
     messages = raw_messages(path, drive, robot=robot)
-    text = text_of(DescribedRobot(described or robot, TopicNames.of(robot), True)).encode()
+    # The simulated drives count cells, as this package's stack does.
+    described = described or driving(robot, counting_cells(robot.parameters()))
+    text = text_of(DescribedRobot(described, TopicNames.of(robot), True)).encode()
     description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
     stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
     return list(answers_of([description, *messages], stop, deserialize))
@@ -130,3 +133,13 @@ def test_messages_without_a_description_are_refused(spoilt, tmp_path):
     messages = raw_messages(tmp_path / "drive.bag", drive)
     with pytest.raises(ApplrError, match="no message on /black_box/parameters"):
         list(answers_of(messages, RobotStop("stood", 2.0, 8.0, (0.0, 0.0)), deserialize))
+
+
+def test_the_unit_of_the_distance_biases_is_that_of_the_running_move_base(spoilt, tmp_path):
+    robot, drive = spoilt
+    *_, answer_by_cells = answers(tmp_path / "cells.bag", robot, drive)
+    assert robot.parameters()[PLANNER]["meter_scoring"]
+    in_metres = driving(robot, robot.parameters())
+    *_, answer_by_metres = answers(tmp_path / "metres.bag", robot, drive, described=in_metres)
+    # Per metre, the distances weigh less, so that other samples win on the way ahead.
+    assert (answer_by_cells.after, answer_by_metres.after) == (2, 20)
