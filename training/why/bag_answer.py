@@ -133,7 +133,7 @@ class BagAnswer(Stored):
 
     @property
     def has_page(self) -> bool:
-        """Whether the drive was replayed, so that its page can be drawn."""
+        """True if the drive was replayed, so that its page can be drawn."""
         return "track" in self.values
 
 

@@ -23,7 +23,7 @@ from training.why.remedies import CANDIDATES
 from training.why.whole_drives import (
     BETTER,
     Arrival,
-    Course,
+    DrivenCourse,
     WholeDriveTrials,
     course_in,
     try_out,
@@ -37,7 +37,7 @@ SAVED_S = 20.0  # interval at which simulated drives are saved [s]
 
 @dataclass(frozen=True)
 class CommonChange:
-    """What was driven in the worlds of the worst stops.
+    """Drives in the worlds of the worst stops, and the change that they advise.
 
     Attributes:
         bags: Bags of the worst stops, the worst first: each is a course.
@@ -62,7 +62,7 @@ class CommonChange:
 
     @property
     def helped(self) -> List[bool]:
-        """Whether the remedy takes a tenth less time on each course."""
+        """For each course, True if the remedy takes a tenth less time there."""
         helped = []
         for number, gain in enumerate(self.gains):
             recorded_seconds = self.trials.on_course(number).recorded.seconds
@@ -137,7 +137,7 @@ class _KeptCourse:
         pool: Pool,
         driven: Callable[[], Any],
     ):
-        self.course = Course(robot, bag.answer.policy_decides, self._begin)
+        self.course = DrivenCourse(robot, bag.answer.policy_decides, self._begin)
         self._bag = bag
         self._options = options
         self._pool = pool
@@ -172,7 +172,7 @@ class _KeptCourse:
 
         return kept
 
-    def _course_in_pool(self) -> Course:
+    def _course_in_pool(self) -> DrivenCourse:
         """Return the course on which the workers drive. It is not kept, but made from the bag."""
         if self._bag.conditions is None:
             answered = self._pool.submit(answer_to, self._bag.path, self._options).result()

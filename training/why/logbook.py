@@ -25,7 +25,7 @@ ALIKE = 0.5  # share of the cells in the part that both drives saw from which on
 FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
 
 # Shows the progress of a loop, given its items, the number of all items and of those done before.
-Progress = Callable[[Iterable[Any], int, int], Iterable[Any]]
+ProgressBar = Callable[[Iterable[Any], int, int], Iterable[Any]]
 
 
 @dataclass
@@ -71,7 +71,7 @@ class LoggedStop:
 
     @property
     def is_dated(self) -> bool:
-        """Whether the bag's clock is that of the day, not of a simulation."""
+        """True if the bag's clock is that of the day, not of a simulation."""
         return self.begin >= DATED_S
 
     @property
@@ -81,7 +81,7 @@ class LoggedStop:
 
 
 @dataclass
-class Place:
+class StopPlace:
     """Place at which robots stopped.
 
     Attributes:
@@ -111,7 +111,7 @@ class Logbook:
 
     bags: List[LoggedBag]
     stops: List[LoggedStop]
-    places: List[Place]
+    places: List[StopPlace]
     notes: List[str]
 
     @property
@@ -129,7 +129,7 @@ class Logbook:
 
 
 def logbook_of(
-    bag_paths: Sequence[Path], options: BagAnswerOptions, pool: Pool, progress: Progress
+    bag_paths: Sequence[Path], options: BagAnswerOptions, pool: Pool, progress: ProgressBar
 ) -> Logbook:
     """Return the logbook of bags. Answers that are kept beside the bags are not made again.
 
@@ -195,7 +195,7 @@ def _files_of(
 
 
 def _answered(
-    files: Sequence[AnswerFile], options: BagAnswerOptions, pool: Pool, progress: Progress
+    files: Sequence[AnswerFile], options: BagAnswerOptions, pool: Pool, progress: ProgressBar
 ) -> Tuple[List[LoggedBag], List[str]]:
     """Return the bags with their answers, and what is wrong with the others."""
     conditions: Dict[Path, Optional[DriveConditions]] = {}
@@ -263,7 +263,7 @@ def _is_same(stop: LoggedStop, other: LoggedStop) -> bool:
     return overlap > OVERLAP * min(stop.end - stop.begin, other.end - other.begin)
 
 
-def places_of(stops: Sequence[LoggedStop]) -> List[Place]:
+def places_of(stops: Sequence[LoggedStop]) -> List[StopPlace]:
     """Return the places of stops, the one that cost most time first.
 
     Stops within a robot's length of the worst one there are at one place.
@@ -271,18 +271,18 @@ def places_of(stops: Sequence[LoggedStop]) -> List[Place]:
     Args:
         stops: The stops, the worst first.
     """
-    places: List[Place] = []
+    places: List[StopPlace] = []
     for logged in stops:
         place = _place_at(places, logged)
         if place is None:
-            place = Place(logged.bag.floor)
+            place = StopPlace(logged.bag.floor)
             places.append(place)
         place.stops.append(logged)
     places.sort(key=lambda place: -place.lost)
     return places
 
 
-def _place_at(places: Sequence[Place], logged: LoggedStop) -> Optional[Place]:
+def _place_at(places: Sequence[StopPlace], logged: LoggedStop) -> Optional[StopPlace]:
     """Return the first of the places at which a stop is, or None."""
     for place in places:
         worst_stop = place.stops[0]

@@ -14,7 +14,7 @@ from applr_ros1.why.answer import POOR, indented, sentence
 from applr_ros1.why.events import Event
 from training.why.answer import driven_rows, stops_near
 from training.why.common_change import CommonChange
-from training.why.logbook import Logbook, LoggedStop, Place
+from training.why.logbook import Logbook, LoggedStop, StopPlace
 from training.why.whole_drives import SAME_PLACE_M
 
 WORST = 10  # number of stops in a list of the worst ones
@@ -200,7 +200,7 @@ def _stops_there(change: CommonChange, number: int) -> bool:
     return stops_near(recorded, event, SAME_PLACE_M * answer.scale)
 
 
-def place_in_words(place: Place) -> str:
+def place_in_words(place: StopPlace) -> str:
     """Return where a place is."""
     worst_stop = place.stops[0]
     x, y = worst_stop.position

@@ -81,7 +81,7 @@ class DriveConditions(NamedTuple):
     policy_decides: bool = False
 
 
-class Run(NamedTuple):
+class CourseRun(NamedTuple):
     """Drive that every candidate may have: the number of its course, and its seed."""
 
     course: int
@@ -105,7 +105,7 @@ class Arrival(NamedTuple):
     path: np.ndarray
 
 
-class Course(NamedTuple):
+class DrivenCourse(NamedTuple):
     """Course on which whole drives are made.
 
     Attributes:
@@ -239,16 +239,16 @@ def drive_once(
     )
 
 
-def course_in(conditions: DriveConditions, pool: Pool) -> Course:
+def course_in(conditions: DriveConditions, pool: Pool) -> DrivenCourse:
     """Return the course of some conditions, on which the workers of a pool drive."""
 
     def begin(changes: Sequence[Change], seed: int, to_beat: float) -> Callable[[], Arrival]:
         return pool.submit(drive_once, conditions, changes, seed, to_beat).result
 
-    return Course(conditions.robot, conditions.policy_decides, begin)
+    return DrivenCourse(conditions.robot, conditions.policy_decides, begin)
 
 
-def try_out(courses: Sequence[Course], candidates: Sequence[Candidate]) -> WholeDriveTrials:
+def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) -> WholeDriveTrials:
     """Drive with the recorded values and with candidates, each on all courses.
 
     All candidates drive once, the best ones with more seeds, and the best of these are judged with
@@ -308,20 +308,20 @@ def try_out(courses: Sequence[Course], candidates: Sequence[Candidate]) -> Whole
 Drives = Dict[Optional[Candidate], List[Arrival]]
 
 
-def _runs(courses: Sequence[Course], seeds: Sequence[int]) -> List[Run]:
+def _runs(courses: Sequence[DrivenCourse], seeds: Sequence[int]) -> List[CourseRun]:
     """Return the drives of each candidate: all courses with the first seed, then with the next."""
     runs = []
     for seed in seeds:
         for number in range(len(courses)):
-            runs.append(Run(number, seed))
+            runs.append(CourseRun(number, seed))
     return runs
 
 
 def _drive(
-    courses: Sequence[Course],
+    courses: Sequence[DrivenCourse],
     candidates: Sequence[Optional[Candidate]],
-    runs: Sequence[Run],
-    to_beat: Mapping[Run, float] = {},
+    runs: Sequence[CourseRun],
+    to_beat: Mapping[CourseRun, float] = {},
 ) -> Drives:
     """Return the drives of candidates. A candidate that move_base refuses is left out.
 

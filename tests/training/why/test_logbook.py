@@ -29,7 +29,7 @@ from training.why.common_change import CommonChange, change_for, merged, worst_b
 from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
 from training.why.logbook_words import advice, by_day, by_parameter, by_reason, lines_of
 from training.why.recorded import BagAnswerOptions
-from training.why.whole_drives import Arrival, Course, try_out
+from training.why.whole_drives import Arrival, DrivenCourse, try_out
 from training.workers.pool import Pool
 from worlds.map_reader import OCCUPIED
 from worlds.world import Grid
@@ -54,7 +54,7 @@ def course_with(seconds, limit=60.0):
         arrival = Arrival(success, duration if success else limit, not success, path)
         return lambda: arrival
 
-    return Course(JACKAL, False, begin)
+    return DrivenCourse(JACKAL, False, begin)
 
 
 def remedy_on(*courses, values=(1.0, 1.5)):
