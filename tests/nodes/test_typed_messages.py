@@ -153,6 +153,7 @@ def test_fields_of_the_parameters_are_named_for_plotting():
     message = applr_topics.parameters_message(np.arange(8.0), rospy.Time(3))
     assert message.names == list(SPACE.names)
     assert message.values == list(range(8))
+    assert message.multipliers == [1.0] * len(SPACE.names)
     # The fields have the names of move_base's parameters.
     assert message.max_vel_x == 0.0
     assert message.path_distance_bias == 5.0

@@ -85,6 +85,33 @@ def test_barn_metric_by_hand():
     assert metric == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
 
 
+def test_the_cost_of_an_aim_by_hand():
+    # 8 m take 4 s at the Jackal's largest speed of 2 m/s.
+    one_width = JACKAL.body.size[1]
+    result = Result(True, time_s=12.0, route_m=8.0, mean_clearance_m=one_width)
+    result = replace(result, mean_jerk=2.0, mean_turn=3.0)
+    baseline = score.Baseline(pace=2.5, jerk=1.0, turn=2.0)
+    aim = score.Aim(failure=10.0, slower=2.0, near=0.5, jerk=0.1, turn=0.2)
+
+    # Nearness, jerk and turning, in optimal times
+    others = 0.5 * (score.CLEAR - 1.0) + 0.1 * 2.0 + 0.2 * 1.5
+    # Three optimal times are half of one slower than the baseline, and cost another one.
+    cost = aim.cost(result, JACKAL, baseline)
+    assert cost == pytest.approx(4.0 * (3.0 + 1.0 + others))
+    # To be faster than the baseline gains nothing more.
+    cost = aim.cost(replace(result, time_s=8.0), JACKAL, baseline)
+    assert cost == pytest.approx(4.0 * (2.0 + others))
+    cost = aim.cost(replace(result, collided=True), JACKAL, baseline)
+    assert cost == pytest.approx(4.0 * (10.0 + others))
+
+    # The page says which of these count.
+    assert "nearness" in aim.rule
+    assert "jerk and turning" in aim.rule
+    assert score.Aim(failure=10.0).rule == (
+        "a failure or contact costs 10 times the course's shortest time"
+    )
+
+
 @pytest.mark.heavy
 def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     """Runner and plan are the same. The seeds differ, so that no trial is used for both selection

@@ -95,6 +95,18 @@ def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
     assert not occupied[row - 5 : row + 6, column - 5 : column + 6].any()
 
 
+def test_what_most_beams_pass_is_free_although_a_few_ended_there(door):
+    drive, _ = door
+    grid = seen_grid(Recording.of(drive, JACKAL))
+    # Something stands beside the way to the door in two scans, and moves on.
+    ranges = [scan_ranges.copy() for scan_ranges in drive.scans.ranges]
+    beside_door = len(ranges[0]) // 2 + 60
+    for scan_ranges in ranges[:2]:
+        scan_ranges[beside_door : beside_door + 5] *= 0.5
+    passer_by = replace(drive, scans=replace(drive.scans, ranges=ranges))
+    assert np.array_equal(seen_grid(Recording.of(passer_by, JACKAL)).cells, grid.cells)
+
+
 def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
     drive, _ = door
     grid = seen_grid(Recording.of(drive, JACKAL))
