@@ -347,7 +347,7 @@ def row_of(planted: PlantedStop, name: str, folder: Path) -> Row:
     of_first = [
         (answer_time, answer)
         for answer_time, answer in box.answers
-        if answer_time < found_time + COMPARED_S
+        if answer.header.stamp.to_sec() < found_time
     ] or box.answers[:1]
     last_time, answer = of_first[-1]
     guess = answer.parameter.rpartition("/")[2]

@@ -96,6 +96,7 @@ def test_a_stop_is_answered_and_written(tmp_path):
     box.node.until(lambda: len(box.bags) == 2)
     assert str(box.bags[1]) in saved.message
     wait_for(lambda: int(box.diagnostics["stops"]) == 2, "diagnostics")
+    assert box.diagnostics["last_stop"].startswith("the robot ")
     client.cancel_goal()
     assert box.node.end() == 0, box.node.text
     assert "Traceback" not in box.node.text, box.node.text

@@ -92,6 +92,7 @@ class BlackBoxNode:
         self._subscribers: Dict[str, rospy.Subscriber] = {}
         self._publications: Dict[Tuple[str, str], Publication] = {}
         self._problem = ""
+        self._last_sentence = ""  # latest answer, for diagnostics
         self._answer = rospy.Publisher("~answer", StopMessage, queue_size=5, latch=True)
         self._marker = rospy.Publisher("~marker", Marker, queue_size=5, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
@@ -220,6 +221,7 @@ class BlackBoxNode:
             rospy.logwarn("black box: %s", problem)
         if output.answer is not None:
             rospy.logwarn("black box: %s", output.answer["sentence"])
+            self._last_sentence = output.answer["sentence"]
             message = stop_message(output.answer)
             self._answer.publish(message)
             self._marker.publish(marker_of(message))
@@ -236,6 +238,7 @@ class BlackBoxNode:
         if box is not None:
             problem = problem or box.problem
             values.update(stops=box.stop_count, lost=box.lost_count)
+            values.update(last_stop=self._last_sentence)
         level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
         now = rospy.get_rostime()
         status_name = (rospy.get_namespace() + "black_box").lstrip("/") + ": stops"
