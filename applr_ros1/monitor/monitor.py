@@ -14,7 +14,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor import stopping
+from applr_ros1.monitor import moving, stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.lasers import Lasers, WatchedLaser
 from applr_ros1.monitor.matched_frame import MatchedFrame
@@ -659,5 +659,7 @@ def warm_up(settings: MonitorSettings) -> None:
     full_ranges = np.full(8, 0.6)
     half_empty = np.where(np.arange(8) < 4, full_ranges, np.inf)
     for stamp, ranges in ((0.0, full_ranges), (0.1, half_empty)):
-        monitor.add_scan(LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
+        scan = LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0))
+        moving.warm_up(scan)
+        monitor.add_scan(scan)
         monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

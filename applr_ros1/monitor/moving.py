@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
-from applr_ros1.common.arrays import Array
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
 from applr_ros1.movers.tracker import Movers, MoverTracker
@@ -92,10 +92,15 @@ class CertainTracks:
     def update(self, scan: LaserScan) -> Movers:
         """Follow the tracks in a scan, and return those that are certain."""
         movers = self._tracker.update(scan)
+        if not len(movers.id):
+            self.latest = movers
+            return movers
         is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
-        is_certain |= np.isin(movers.id, self.latest.id)
-        self.latest = Movers(*(values[is_certain] for values in movers))
-        return self.latest
+        is_certain |= (movers.id[:, None] == self.latest.id).any(axis=1)
+        if not is_certain.all():
+            movers = Movers(*(values[is_certain] for values in movers))
+        self.latest = movers
+        return movers
 
 
 def tracked_discs(
@@ -113,16 +118,14 @@ def tracked_discs(
     """
     to_robot = inverse(robot_pose)
     x, y = transform_point(to_robot, movers.x, movers.y)
-    discs = np.zeros(len(movers.x), DISC)
-    discs["x"] = x
-    discs["y"] = y
-    discs["vx"], discs["vy"] = transform_point((0.0, 0.0, to_robot[2]), movers.vx, movers.vy)
-    discs["radius"] = movers.radius
-    discs["pp"], discs["pv"], discs["vv"] = movers.covariance.T
-    discs["acceleration"] = acceleration
-    discs["age"] = age
-    depths = planes[:, 2] - np.column_stack([x, y]) @ planes[:, :2].T
-    return discs[depths.min(axis=1) < 0.0]
+    vx, vy = transform_point((0.0, 0.0, to_robot[2]), movers.vx, movers.vy)
+    pp, pv, vv = movers.covariance.T
+    discs = np.zeros((len(x), len(DISC.names or ())))
+    for column, values in enumerate((x, y, vx, vy, movers.radius, pp, pv, vv, acceleration)):
+        discs[:, column] = values
+    discs[:, -1] = age
+    depths = planes[:, 2] - discs[:, :2] @ planes[:, :2].T
+    return discs.view(DISC)[depths.min(axis=1) < 0.0, 0]
 
 
 def without_movers(scan: LaserScan, movers: Movers) -> LaserScan:
@@ -133,12 +136,39 @@ def without_movers(scan: LaserScan, movers: Movers) -> LaserScan:
     if not len(movers.x):
         return scan
     directions = beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
-    ranges = np.where(np.isfinite(scan.ranges), scan.ranges, 0.0)
-    ends = ranges[:, None] * directions
-    centres = np.stack(transform_point(inverse(scan.sensor_pose), movers.x, movers.y), axis=1)
-    distances = np.hypot(*(ends[:, None] - centres).transpose(2, 0, 1))
-    is_mover = (distances < movers.radius + ON_MOVER_M).any(axis=1)
-    return replace(scan, ranges=np.where(is_mover, np.float32(np.nan), scan.ranges))
+    x, y = transform_point(inverse(scan.sensor_pose), movers.x, movers.y)
+    discs = np.column_stack([x, y, movers.radius + ON_MOVER_M])
+    ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+    return replace(scan, ranges=_without_discs(ranges, directions, discs))
+
+
+def warm_up(scan: LaserScan) -> None:
+    """Compile or load the kernel that runs only once something moves."""
+    one = np.ones(1)
+    without_movers(scan, Movers(one, one, one, one, one, one, np.ones((1, 3))))
+
+
+@kernel
+def _without_discs(ranges: Array32, directions: Array, discs: Array) -> Array32:
+    """Return ranges (n,) [m], with NaN for those that end within discs.
+
+    Args:
+        ranges: (n,) [m].
+        directions: (n, 2) cosine and sine of each beam.
+        discs: (k, 3) x, y and radius [m] in the laser's frame.
+    """
+    rest = ranges.copy()
+    for beam in range(ranges.shape[0]):
+        if not np.isfinite(ranges[beam]):
+            continue
+        end_x = ranges[beam] * directions[beam, 0]
+        end_y = ranges[beam] * directions[beam, 1]
+        for disc in range(discs.shape[0]):
+            apart_x = end_x - discs[disc, 0]
+            apart_y = end_y - discs[disc, 1]
+            if apart_x * apart_x + apart_y * apart_y < discs[disc, 2] ** 2:
+                rest[beam] = np.nan
+    return rest
 
 
 def gaps_in(scan: LaserScan) -> Array:
@@ -235,8 +265,8 @@ def _is_within(
     for plane in range(planes.shape[0]):
         extent = planes[plane, 0] * forward + planes[plane, 1] * leftward
         lowest_distance = max(lowest_distance, extent - planes[plane, 2])
-    if lowest_distance >= reach:
-        return False
+        if lowest_distance >= reach:
+            return False
     if lowest_distance <= 0.0:
         return True
     for point in range(edge.shape[0]):

@@ -60,12 +60,14 @@ SIGMA_HIDDEN_WIDTH = 0.5
 class Scan(NamedTuple):
     """Scan as the kernels take it.
 
-    ranges: (n,) float32 [m]. directions: (n, 2) cosine and sine of each beam. fan: FAN of the scan.
-    split_factor: spacing, per beam and range, of neighbouring points of a surface at GRAZING_RAD.
+    ranges: (n,) float32 [m]. points: (n, 2) ends of the beams in the laser's frame [m]. is_hit:
+    (n,) whether something is there. fan: FAN of the scan. split_factor: spacing, per beam and
+    range, of neighbouring points of a surface at GRAZING_RAD.
     """
 
     ranges: Array32
-    directions: Array
+    points: Array
+    is_hit: np.ndarray
     fan: Fan
     split_factor: float
 
@@ -84,7 +86,10 @@ def find_clusters(ranges: Array32, directions: Array, fans: Any, clusters: Clust
     step = abs(fans[0].increment)
     # Law of sines in the triangle of the laser and two neighbouring points
     split_factor = math.sin(step) / math.sin(max(GRAZING_RAD - step, FINEST_RAD))
-    scan = Scan(ranges, directions, fans[0], split_factor)
+    points = np.empty((beam_count, 2))
+    is_hit = np.empty(beam_count, np.bool_)
+    scan = Scan(ranges, points, is_hit, fans[0], split_factor)
+    _fill_points(scan, directions)
     is_full_turn = full_turn(beam_count, step)
     # In a full turn a cluster may wrap around from the last beam to the first: start at a gap.
     start_beam = 0
@@ -103,21 +108,18 @@ def find_clusters(ranges: Array32, directions: Array, fans: Any, clusters: Clust
         # Follow the surface from point to point, across missing beams.
         first_beam = beam
         last_beam = beam
-        points = 1
-        near = ranges[beam % beam_count]
-        while True:
-            beam = last_beam + 1
-            farthest = min(last_beam + GAP_BEAMS, end_beam)
-            while beam < farthest and not _is_joined(scan, last_beam, beam):
-                beam += 1
-            if beam >= end_beam or not _is_joined(scan, last_beam, beam):
-                break
-            last_beam = beam
-            points += 1
-            near = min(near, ranges[beam % beam_count])
+        point_count = 1
+        near = ranges[_index(beam, beam_count)]
+        beam = first_beam + 1
+        while beam <= last_beam + GAP_BEAMS and beam < end_beam:
+            if _is_joined(scan, last_beam, beam):
+                last_beam = beam
+                point_count += 1
+                near = min(near, ranges[_index(beam, beam_count)])
+            beam += 1
         beam = last_beam + 1
 
-        if points >= FEWEST_POINTS and near < REACH_M:
+        if point_count >= FEWEST_POINTS and near < REACH_M:
             cluster = clusters[count]
             cluster.near = near
             cluster.start_hidden = _hides(scan, first_beam, -1, is_full_turn)
@@ -128,18 +130,39 @@ def find_clusters(ranges: Array32, directions: Array, fans: Any, clusters: Clust
 
 
 @kernel
+def _index(beam: int, beam_count: int) -> int:
+    """Return the index of a beam, which may lie up to one turn before the first or past the last.
+
+    It is the remainder of a division, which would take most of the time for a scan.
+    """
+    if beam >= beam_count:
+        return beam - beam_count
+    if beam < 0:
+        return beam + beam_count
+    return beam
+
+
+@kernel
+def _fill_points(scan: Scan, directions: Array) -> None:
+    """Fill `points` and `is_hit` from the directions (n, 2) of the beams."""
+    for beam in range(scan.ranges.shape[0]):
+        distance = scan.ranges[beam]
+        scan.points[beam, 0] = distance * directions[beam, 0]
+        scan.points[beam, 1] = distance * directions[beam, 1]
+        # Lasers whose range_min is 0 report 0 for beams without a return, too.
+        scan.is_hit[beam] = distance > 0.0 and scan.fan.range_min <= distance < scan.fan.range_max
+
+
+@kernel
 def _is_hit(scan: Scan, beam: int) -> bool:
-    distance = scan.ranges[beam % scan.ranges.shape[0]]
-    # Lasers whose range_min is 0 report 0 for beams without a return, too.
-    return bool(distance > 0.0 and scan.fan.range_min <= distance < scan.fan.range_max)
+    return bool(scan.is_hit[_index(beam, scan.ranges.shape[0])])
 
 
 @kernel
 def _point(scan: Scan, beam: int) -> Tuple[float, float]:
     """Return the end point x, y [m] of a beam in the laser's frame."""
-    index = beam % scan.ranges.shape[0]
-    distance = scan.ranges[index]
-    return distance * scan.directions[index, 0], distance * scan.directions[index, 1]
+    index = _index(beam, scan.ranges.shape[0])
+    return scan.points[index, 0], scan.points[index, 1]
 
 
 @kernel
@@ -148,8 +171,8 @@ def _is_joined(scan: Scan, first_beam: int, second_beam: int) -> bool:
     if not (_is_hit(scan, first_beam) and _is_hit(scan, second_beam)):
         return False
     beam_count = scan.ranges.shape[0]
-    first_range = scan.ranges[first_beam % beam_count]
-    second_range = scan.ranges[second_beam % beam_count]
+    first_range = scan.ranges[_index(first_beam, beam_count)]
+    second_range = scan.ranges[_index(second_beam, beam_count)]
     first_x, first_y = _point(scan, first_beam)
     second_x, second_y = _point(scan, second_beam)
     offset_x = first_x - second_x
@@ -168,7 +191,8 @@ def _hides(scan: Scan, edge_beam: int, direction: int, is_full_turn: bool) -> bo
     if not is_full_turn and not 0 <= next_beam < beam_count:
         return True
     # NaN and ranges below range_min occlude, too.
-    return not ranges[next_beam % beam_count] >= ranges[edge_beam % beam_count]
+    next_range = ranges[_index(next_beam, beam_count)]
+    return not next_range >= ranges[_index(edge_beam, beam_count)]
 
 
 @kernel

@@ -22,6 +22,7 @@ BESIDE_M = 0.06
 TURNED_RAD = 0.02
 LARGEST_RAD = 1.0  # largest tolerance, for points close to the laser [rad]
 GAP_BEAMS = 3  # number of beams that may be missing from a full turn
+LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 # Geometry of one scan: stamp [s], pose of the laser (x, y, yaw), first angle and increment [rad],
 # limits of a hit [m], number of beams, turn rate of the robot [rad/s], its turn from first to last
@@ -94,7 +95,9 @@ def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
     It is 0 if it is unknown, that is for ranges below range_min and for NaN.
     """
     is_valid = ranges >= np.float64(range_min)
-    return np.where(is_valid, np.minimum(ranges, range_max), 0.0).astype(np.float32)
+    # Some drivers report a range_max that no float32 holds.
+    longest = min(range_max, LARGEST_FLOAT32)
+    return np.where(is_valid, np.minimum(ranges, longest), 0.0).astype(np.float32)
 
 
 @kernel

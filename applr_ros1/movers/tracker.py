@@ -43,6 +43,10 @@ class Movers(NamedTuple):
     covariance: np.ndarray
 
 
+_NONE = np.empty(0)
+NO_MOVERS = Movers(np.empty(0, np.int64), _NONE, _NONE, _NONE, _NONE, _NONE, np.empty((0, 3)))
+
+
 class MoverTracker:
     """Tracks moving obstacles from scan to scan.
 
@@ -190,7 +194,10 @@ class MoverTracker:
     @property
     def movers(self) -> Movers:
         """Moving obstacles at the latest scan's stamp."""
-        moving_tracks = self._tracks[self._tracks["moves"]]
+        is_moving = self._tracks["moves"]
+        if not is_moving.any():
+            return NO_MOVERS
+        moving_tracks = self._tracks[is_moving]
         to_odometry = inverse(self._correction)
         turn_to_odometry = (0.0, 0.0, to_odometry[2])
         x, y = transform_point(to_odometry, moving_tracks["x"], moving_tracks["y"])

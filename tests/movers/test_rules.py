@@ -350,3 +350,10 @@ def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, interv
 
     assert track["mean_x"] == pytest.approx(3.0 + 0.4 * share)
     assert track["mean_y"] == pytest.approx(1.0 - share)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_range_max_that_no_float32_holds_is_no_limit():
+    ranges = np.array([0.05, 2.0, np.inf, np.nan], np.float32)
+    longest = np.finfo(np.float32).max
+    assert depths(ranges, 0.1, 1e300).tolist() == [0.0, 2.0, longest, 0.0]
