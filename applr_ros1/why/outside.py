@@ -15,7 +15,9 @@ from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 
 # Control rate of a move_base that has none of its own [Hz]
 USUAL_RATE: float = by_name(MOVE_BASE)["controller_frequency"].default
+# Why a drive is not replayed
 OTHER_PLANNER = f"the planner's own reasons are known for {' and '.join(REPLAYED)} only"
+NO_PLAN = "without a plan there is nothing to replay"
 
 
 def is_other_planner(drive: Drive, robot: Robot) -> bool:

@@ -37,7 +37,7 @@ with extra(__name__):
     from training.why.pages import drive_page
     from training.why.recorded import (
         BagAnswerOptions,
-        OtherPlannerError,
+        NotReplayedError,
         with_description,
     )
     from training.why.remedies import driven_trials, possible_guesses
@@ -87,10 +87,10 @@ def run(options: WhyOptions) -> None:
     options = with_description(bag_paths[0], options)
     try:
         replays = [_replayed(bag_path, options) for bag_path in bag_paths]
-    except OtherPlannerError as other:
-        if other.drive.odometry is None:
+    except NotReplayedError as problem:
+        if problem.drive.odometry is None:
             raise
-        _answer_from_outside(other.drive, other.drive.odometry, options)
+        _answer_from_outside(problem.drive, problem.drive.odometry, problem.note, options)
         return
     first_replay, *other_replays = replays
     if options.map:
@@ -151,10 +151,10 @@ def _bag_bar(calls: Iterable[Any], total: int, done: int) -> Iterable[Any]:
 
 
 # -- one bag ---------------------------------------------------------------------------------------
-def _answer_from_outside(drive: Drive, odometry: Motion, options: WhyOptions) -> None:
-    """Print what is known of a drive of a local planner that is not replayed."""
+def _answer_from_outside(drive: Drive, odometry: Motion, note: str, options: WhyOptions) -> None:
+    """Print what is known of a drive that is not replayed."""
     found_events = seen_from_outside(drive, odometry, options.robot)
-    lines = outside_lines(found_events)
+    lines = outside_lines(found_events, note)
     if options.json_:
         print(json.dumps(outside_values(drive, found_events, lines)))
     else:

@@ -11,7 +11,6 @@ from applr_ros1.why.alternatives import Alternative
 from applr_ros1.why.answer import best_guess, certainty_of, indented, sentence, what_happened
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import ASKED, Event, longest
-from applr_ros1.why.outside import OTHER_PLANNER
 from training.why.whole_drives import SAME_PLACE_M, Tried, WholeDriveTrials
 
 LISTED = 4  # number of further events, and of rows of what was tried
@@ -41,12 +40,17 @@ def lines_of(answer: Answer) -> List[str]:
     return lines + tried_rows(answer)
 
 
-def outside_lines(events: Sequence[Event]) -> List[str]:
-    """Return what is known of a drive whose local planner is not replayed, for a terminal."""
+def outside_lines(events: Sequence[Event], note: str) -> List[str]:
+    """Return what is known of a drive that is not replayed, for a terminal.
+
+    Args:
+        events: Its events.
+        note: Why it is not replayed.
+    """
     longest_event = longest(events)
     if longest_event is None:
-        return ["The robot did not stop.", f"{OTHER_PLANNER}."]
-    return [sentence(longest_event), f"{OTHER_PLANNER}.", *_other_events(events)]
+        return ["The robot did not stop.", f"{note}."]
+    return [sentence(longest_event), f"{note}.", *_other_events(events)]
 
 
 def _other_events(events: Sequence[Event]) -> List[str]:

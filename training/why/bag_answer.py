@@ -28,7 +28,7 @@ from applr_ros1.why.recording import Recording
 from training.bags.read import BagError, opened
 from training.why.answer import Answer, outside_lines
 from training.why.candidates import Candidate
-from training.why.recorded import BagAnswerOptions, OtherPlannerError, with_description
+from training.why.recorded import BagAnswerOptions, NotReplayedError, with_description
 from training.why.remedies import course_of, possible_guesses
 from training.why.replayed import check_cycles, replay_in
 from training.why.values import outside_values, thinned, values_of
@@ -163,10 +163,12 @@ def answer_to(path: Path, options: BagAnswerOptions) -> AnsweredBag:
         begin = bag.begin
     try:
         replay = replay_in(path, options)
-    except OtherPlannerError as other:
-        if other.drive.odometry is None:
+    except NotReplayedError as problem:
+        if problem.drive.odometry is None:
             raise BagError(f"{path}: there is no odometry") from None
-        answer = _outside_answer(other.drive, other.drive.odometry, options.robot, begin)
+        answer = _outside_answer(
+            problem.drive, problem.drive.odometry, problem.note, options.robot, begin
+        )
         return AnsweredBag(answer, None)
     check_cycles(path, replay)
     diagnosis = diagnose(replay)
@@ -219,8 +221,18 @@ def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> Answ
     return AnsweredBag(answer, course.conditions if course else None)
 
 
-def _outside_answer(drive: Drive, odometry: Motion, robot: Robot, begin: float) -> BagAnswer:
-    """Return what is known of a drive whose local planner is not replayed."""
+def _outside_answer(
+    drive: Drive, odometry: Motion, note: str, robot: Robot, begin: float
+) -> BagAnswer:
+    """Return what is known of a drive that is not replayed.
+
+    Args:
+        drive: The drive.
+        odometry: Its odometry.
+        note: Why it is not replayed.
+        robot: Robot that drove.
+        begin: Time of the bag's first message [s].
+    """
     found_events = seen_from_outside(drive, odometry, robot)
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
@@ -240,7 +252,7 @@ def _outside_answer(drive: Drive, odometry: Motion, robot: Robot, begin: float) 
         origin=own_frame,
         stops=stops,
         track=_track(motion, own_frame),
-        values=outside_values(drive, found_events, outside_lines(found_events)),
+        values=outside_values(drive, found_events, outside_lines(found_events, note)),
     )
 
 

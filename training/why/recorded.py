@@ -8,8 +8,7 @@ from typing import Any, Dict, TypeVar
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.names import names_in
 from applr_ros1.why.black_box.description import TOPIC, described_by
-from applr_ros1.why.limits import REPLAYED, planner_of
-from applr_ros1.why.outside import is_other_planner
+from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER, is_other_planner
 from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
@@ -35,19 +34,18 @@ class BagAnswerOptions(RecordedOptions):
 SomeOptions = TypeVar("SomeOptions", bound=RecordedOptions)
 
 
-class OtherPlannerError(BagError):
-    """Error of a bag in which a local planner drove that is not replayed.
+class NotReplayedError(BagError):
+    """Error of a bag of which only what is seen from outside is known.
 
     Attributes:
         drive: The drive.
-        planner: Name of the planner.
+        note: Why it is not replayed.
     """
 
-    def __init__(self, path: Path, drive: Drive, planner: str):
-        replayed = " and ".join(REPLAYED)
-        super().__init__(f"{path}: {planner} drove: only drives of {replayed} are replayed")
+    def __init__(self, path: Path, drive: Drive, note: str):
+        super().__init__(f"{path}: {note}")
         self.drive = drive
-        self.planner = planner
+        self.note = note
 
 
 def with_description(path: Path, options: SomeOptions) -> SomeOptions:
@@ -83,7 +81,8 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         planner: Planner of the robot, which cuts the global planner's plans.
 
     Raises:
-        OtherPlannerError: A local planner drove that is not replayed.
+        NotReplayedError: A local planner drove that is not replayed, or the global planner found no
+            plan.
         BagError: The bag cannot be read, lacks odometry, scans, commands or plans, another robot or
             planner drove, or the frames of its messages do not fit.
     """
@@ -94,7 +93,18 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         # Topics that are options are not looked for.
         names = names_in(bag.types, options.topics(), options.given_topics())
         drive = with_planned(bag.drive(robot, names, CHANNELS))
-        if not is_other_planner(drive, robot):
+        # The black box records all plans, so that none was found if its bag has none.
+        has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in bag.types
+        if is_other_planner(drive, robot):
+            note = OTHER_PLANNER
+        elif has_recorded_plans and not has_plan(drive):
+            note = NO_PLAN
+        else:
             return recording_from(drive, names, bag.types, planner, robot, is_given)
     # Outside the block, whose errors would become others without the drive
-    raise OtherPlannerError(path, drive, planner_of(drive, robot))
+    raise NotReplayedError(path, drive, note)
+
+
+def has_plan(drive: Drive) -> bool:
+    """Return whether a plan of a drive is not empty."""
+    return any(rows and any(map(len, rows.path)) for rows in (drive.plans, drive.routes))

@@ -23,7 +23,7 @@ def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Repl
         watch: Shows the progress of a loop, as tqdm does.
 
     Raises:
-        OtherPlannerError: A local planner drove that is not replayed.
+        NotReplayedError: Only what is seen from outside is known.
         ApplrError: The bag cannot be read.
     """
     # A robot whose files are wrong is reported before a long bag is read.

@@ -60,7 +60,7 @@ def values_of(answer: Answer) -> Dict[str, Any]:
 
 
 def outside_values(drive: Drive, events: Sequence[Event], lines: Sequence[str]) -> Dict[str, Any]:
-    """Return what is known of a drive whose local planner is not replayed as JSON values."""
+    """Return what is known of a drive that is not replayed as JSON values."""
     return {
         "name": drive.name,
         "answer": lines,

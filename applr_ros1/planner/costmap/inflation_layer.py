@@ -169,7 +169,7 @@ class InflationLayer:
         self.full_pass_due = False
 
     def roll(self, shift_x: int, shift_y: int) -> None:
-        """Shift the spread after the map has moved by (shift_x, shift_y) cells, which are not both 0.
+        """Shift the spread after the map has moved by (shift_x, shift_y) cells, not both 0.
 
         The spread is removed if it meets the border before or after the shift.
         """

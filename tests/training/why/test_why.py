@@ -9,13 +9,14 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.drive import Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.why import alternatives
 from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, text_of, unknown_robot
-from applr_ros1.why.outside import OTHER_PLANNER
+from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
@@ -324,6 +325,31 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, ca
     values = json.loads(output)
     assert values["reproduced"] == 0.0
     assert values["events"][0]["reason"].startswith("there was no scan")
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("is_published", [True, False])
+def test_where_no_plan_was_found_what_is_seen_from_outside_is_said(
+    spoilt, folder, capsys, is_published
+):
+    # A black box has every plan that there was.
+    robot, driven = spoilt
+    driven = until(driven, 7.0)
+    odometry = driven.odometry
+    stood = replace(odometry, pose=np.tile(odometry.pose[:1], (len(odometry), 1)))
+    stood = replace(stood, twist=np.zeros_like(odometry.twist))
+    no_plans = Plans(np.array([1.0]), [np.zeros((0, 3))]) if is_published else None
+    zeros = replace(driven.commands, twist=np.zeros_like(driven.commands.twist))
+    columns = {"commands": zeros, "planned": zeros, "plans": no_plans, "routes": no_plans}
+    lost = replace(driven, odometry=stood, **columns)
+    bag_path = box_bag(folder / "lost.bag", robot, lost, True)
+
+    status, output, errors = ran(capsys, bag_path, "--quick")
+
+    assert status == 0, errors
+    happened, why_no_replay, *_ = output.splitlines()
+    assert "stood at (0.00, 0.00)" in happened
+    assert why_no_replay == f"{NO_PLAN}."
 
 
 @pytest.mark.heavy
