@@ -22,7 +22,7 @@ from tests.support.replays import spoilt_drive, updates
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import common_change, logbook, logbook_page, whole_drives
-from training.why.answer_file import AnswerFile, StoredArrival
+from training.why.answer_file import AnswerFile, StoredArrival, bag_hash
 from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, _placed_frame
 from training.why.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
@@ -299,6 +299,27 @@ def test_an_answer_is_kept_for_its_key_and_a_damaged_file_is_none(tmp_path):
     damaged = AnswerFile(bag_path, "key")
     assert damaged.answer is None
     assert damaged.is_damaged
+
+
+def test_the_hash_of_a_ros2_bag_is_that_of_its_files_and_opens_no_device(tmp_path):
+    bag_path = tmp_path / "drive"
+    (bag_path / "notes").mkdir(parents=True)
+    (bag_path / "drive.db3").write_bytes(b"one")
+    first_hash = bag_hash(bag_path)
+    (bag_path / "device").symlink_to("/dev/null")
+    assert bag_hash(bag_path) == first_hash
+    (bag_path / "drive.db3").write_bytes(b"two")
+    assert bag_hash(bag_path) != first_hash
+
+
+def test_the_answer_to_a_bag_that_is_the_current_folder_lies_beside_it(tmp_path, monkeypatch):
+    bag_path = tmp_path / "drive"
+    bag_path.mkdir()
+    monkeypatch.chdir(bag_path)
+    kept = AnswerFile(Path(), "key")
+    kept.answer = answer_with()
+    kept.save()
+    assert (tmp_path / "drive.why.json").is_file()
 
 
 # -- the command
