@@ -122,7 +122,7 @@ def _holds_bags(path: str) -> bool:
 def _keep_logbook(bag_paths: Sequence[Path], options: WhyOptions) -> None:
     """Print the logbook of bags, and write its pages."""
     for option_name in ("at", "map"):
-        if getattr(options, option_name):
+        if option_name in options.model_fields_set:
             raise ApplrError(f"--{option_name} is about one bag, there are several: give one bag")
     floor_map = read_map(options.on) if options.on else None
     given = {name: getattr(options, name) for name in options.model_fields_set}
@@ -134,8 +134,12 @@ def _keep_logbook(bag_paths: Sequence[Path], options: WhyOptions) -> None:
         change = None
         if not options.quick:
             bar = tqdm(desc="drives in simulation", unit="drive", **BAR)
-            with bar:
-                change = change_for(logbook, bag_options, pool, bar.update)
+            try:
+                with bar:
+                    change = change_for(logbook, bag_options, pool, bar.update)
+            except ApplrError as problem:
+                # The stops are known without it.
+                logbook.notes.append(f"no change is advised: {problem}")
     for note in logbook.notes:
         print(note, file=sys.stderr)
     logged_values = logbook_values(logbook, change)

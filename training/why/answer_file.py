@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Sequence
 
@@ -89,7 +90,9 @@ class AnswerFile:
         self.drives: Dict[str, Optional[StoredArrival]] = {}
         self.is_damaged = False
         self.problem = ""
-        self._path = bag_path.with_name(bag_path.name + ENDING)
+        # The folder of a ROS 2 bag may be given as ".", which has no name.
+        named_path = Path(os.path.abspath(bag_path))
+        self._path = named_path.with_name(named_path.name + ENDING)
         self._key = key
         if not self._path.exists():
             return
@@ -132,7 +135,10 @@ def key_of_answers(options: BagAnswerOptions) -> str:
 def bag_hash(path: Path) -> str:
     """Return the SHA-256 of a bag, which is a file, or a folder of files."""
     digest = hashlib.sha256()
-    bag_files = [path] if path.is_file() else sorted(path.iterdir())
+    bag_files = [path]
+    if path.is_dir():
+        # Without folders, and without pipes, whose reading might never end
+        bag_files = sorted(filter(Path.is_file, path.iterdir()))
     for bag_file in bag_files:
         digest.update(bag_file.name.encode() if path.is_dir() else b"")
         for block in _blocks_of(bag_file):

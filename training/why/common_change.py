@@ -28,7 +28,7 @@ from training.why.whole_drives import (
     course_in,
     try_out,
 )
-from training.workers.calls import CallFailed
+from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 
 WORST = 8  # number of stops in whose worlds candidates are driven
@@ -162,7 +162,12 @@ class _KeptCourse:
         def kept() -> Arrival:
             try:
                 drives[key] = StoredArrival.of(arrival_of())
-            except CallFailed:
+            except CallLost:
+                raise
+            except CallFailed as refusal:
+                if not changes:
+                    problem = "the recorded values cannot be driven in simulation"
+                    raise ApplrError(f"{self._bag.path}: {problem}: {refusal}") from None
                 drives[key] = None
             self._is_changed = True
             if monotonic() - self._saved_at > SAVED_S:
@@ -175,7 +180,10 @@ class _KeptCourse:
     def _course_in_pool(self) -> DrivenCourse:
         """Return the course on which the workers drive. It is not kept, but made from the bag."""
         if self._bag.conditions is None:
-            answered = self._pool.submit(answer_to, self._bag.path, self._options).result()
+            try:
+                answered = self._pool.submit(answer_to, self._bag.path, self._options).result()
+            except CallFailed as failure:
+                raise ApplrError(f"{self._bag.path}: {failure}") from None
             self._bag.conditions = answered.conditions
         if self._bag.conditions is None:
             raise ApplrError(f"{self._bag.path}: its course is not known any more")

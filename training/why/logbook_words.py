@@ -152,7 +152,7 @@ def _change_in_words(change: CommonChange) -> str:
         saved += gain if is_helped else 0.0
     result = f"{saved:.0f} s less in {helped_count} of the worst {courses_in_words}"
     if helped_count < len(change.bags):
-        result += f", and not slower in the other {len(change.bags) - helped_count}"
+        result += f", and at most a tenth slower in the other {len(change.bags) - helped_count}"
     return (
         f"Try {trials.remedy.candidate}: {result}; {trials.remedy}, "
         f"with the recorded values {trials.recorded}."

@@ -19,6 +19,10 @@ class CallFailed(Exception):
     """
 
 
+class CallLost(CallFailed):
+    """Failure of a call because of its worker or pool: another time, it may succeed."""
+
+
 class WorkerDied(Exception):
     """Worker that died, or did not answer in time; the message gives the cause."""
 

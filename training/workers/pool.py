@@ -23,7 +23,7 @@ from typing import Any, Callable, Dict, Iterable, Iterator, Set, Tuple, TypeVar
 from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
-from training.workers.calls import CallFailed, WorkerDied, attempt, environment
+from training.workers.calls import CallFailed, CallLost, WorkerDied, attempt, environment
 from training.workers.ray import RayWorker, connect
 
 DEATHS_PER_CALL = 3  # number of worker deaths after which a call fails
@@ -143,7 +143,7 @@ class Pool(ThreadPoolExecutor):
                 return answer
             finally:
                 self._free.put(worker)
-        raise CallFailed(f"its worker died {DEATHS_PER_CALL} times: see the messages above")
+        raise CallLost(f"its worker died {DEATHS_PER_CALL} times: see the messages above")
 
     def _replacement(self, worker: Any, death: WorkerDied) -> Any:
         """Start a worker in place of a dead one.
@@ -153,7 +153,7 @@ class Pool(ThreadPoolExecutor):
         worker.end()
         with self._lock:
             if self._closed:
-                raise CallFailed("the pool is closed")
+                raise CallLost("the pool is closed")
             print(f"worker {death}: replaced by a new one", file=sys.stderr)
             self.replaced += 1
             replacement = self._start()

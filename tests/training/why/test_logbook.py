@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Commands, Drive, Plans, Transforms
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives
@@ -22,7 +23,7 @@ from tests.support.replays import spoilt_drive, updates
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import common_change, logbook, logbook_page, whole_drives
-from training.why.answer_file import AnswerFile, StoredArrival
+from training.why.answer_file import AnswerFile, StoredArrival, bag_hash
 from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, _placed_frame
 from training.why.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
@@ -30,6 +31,7 @@ from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
 from training.why.logbook_words import advice, by_day, by_parameter, by_reason, lines_of
 from training.why.recorded import BagAnswerOptions
 from training.why.whole_drives import Arrival, DrivenCourse, try_out
+from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds.map_reader import OCCUPIED
 from worlds.world import Grid
@@ -84,6 +86,8 @@ def test_the_drives_of_one_course_are_found_among_those_of_all():
     change = CommonChange([logged_bag(), logged_bag()], trials)
     assert change.gains == [30.0, 1.0]
     assert change.helped == [True, False]
+    (line,) = advice(book_of(logged_bag(stop_at(0.0))), change)
+    assert "and at most a tenth slower in the other 1;" in line
 
 
 # -- stops and places
@@ -280,6 +284,51 @@ def test_drives_are_made_once_and_kept_beside_their_bag(monkeypatch):
     assert line.startswith("Try sim_time 2 -> 1: 20 s less in 2 of the worst 2 stops; arrives 6 of")
 
 
+def course_that_fails(monkeypatch, failure):
+    """Return a logbook of one drive whose simulated drives fail, but for the recorded values."""
+    bag = drivable(9.0, 1.0)
+
+    def begin(changes, seed, to_beat):
+        def arrival_of():
+            if changes or failure is None:
+                raise failure or CallFailed("no footprint")
+            return Arrival(True, 20.0, False, np.zeros((1, 3), np.float32))
+
+        return arrival_of
+
+    bag.conditions = SimpleNamespace()
+    course = DrivenCourse(JACKAL, False, begin)
+    monkeypatch.setattr(common_change, "course_in", lambda conditions, pool: course)
+    monkeypatch.setattr(common_change, "with_description", lambda path, options: options)
+    return book_of(bag)
+
+
+@pytest.mark.parametrize(
+    ("failure", "is_kept"), [(CallFailed("no footprint"), True), (CallLost("out of memory"), False)]
+)
+def test_only_values_that_move_base_refuses_are_kept_as_refused(monkeypatch, failure, is_kept):
+    book = course_that_fails(monkeypatch, failure)
+    change_for(book, BagAnswerOptions(robot=JACKAL), None, lambda: None)
+    assert (None in book.bags[0].file.drives.values()) == is_kept
+
+
+def test_a_drive_that_cannot_be_simulated_is_named_and_not_kept(monkeypatch):
+    book = course_that_fails(monkeypatch, None)
+    with pytest.raises(ApplrError, match="a.bag: the recorded values cannot be driven .* footprint"):
+        change_for(book, BagAnswerOptions(robot=JACKAL), None, lambda: None)
+    assert not book.bags[0].file.drives
+
+
+def test_a_bag_that_cannot_be_read_any_more_is_named():
+    bag = drivable(9.0, 1.0)
+    with Pool(0) as pool:
+        kept = common_change._KeptCourse(
+            bag, JACKAL, BagAnswerOptions(robot=JACKAL), pool, lambda: None
+        )
+        with pytest.raises(ApplrError, match="a.bag: "):
+            kept.course.begin((), 1, 60.0)
+
+
 # -- files beside the bags
 def test_an_answer_is_kept_for_its_key_and_a_damaged_file_is_none(tmp_path):
     bag_path = tmp_path / "a.bag"
@@ -299,6 +348,27 @@ def test_an_answer_is_kept_for_its_key_and_a_damaged_file_is_none(tmp_path):
     damaged = AnswerFile(bag_path, "key")
     assert damaged.answer is None
     assert damaged.is_damaged
+
+
+def test_the_hash_of_a_ros2_bag_is_that_of_its_files_and_opens_no_device(tmp_path):
+    bag_path = tmp_path / "drive"
+    (bag_path / "notes").mkdir(parents=True)
+    (bag_path / "drive.db3").write_bytes(b"one")
+    first_hash = bag_hash(bag_path)
+    (bag_path / "device").symlink_to("/dev/null")
+    assert bag_hash(bag_path) == first_hash
+    (bag_path / "drive.db3").write_bytes(b"two")
+    assert bag_hash(bag_path) != first_hash
+
+
+def test_the_answer_to_a_bag_that_is_the_current_folder_lies_beside_it(tmp_path, monkeypatch):
+    bag_path = tmp_path / "drive"
+    bag_path.mkdir()
+    monkeypatch.chdir(bag_path)
+    kept = AnswerFile(Path(), "key")
+    kept.answer = answer_with()
+    kept.save()
+    assert (tmp_path / "drive.why.json").is_file()
 
 
 # -- the command
@@ -377,7 +447,7 @@ def test_damaged_answers_are_made_again_and_said_once(folder, capsys):
     [
         ([], "no bags there"),
         (["junk.bag"], "junk.bag: cannot be read"),
-        (["junk.bag", "--at", "3"], "--at is about one bag, there are several: give one bag"),
+        (["junk.bag", "--at", "0"], "--at is about one bag, there are several: give one bag"),
     ],
 )
 def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, problem):
@@ -389,3 +459,16 @@ def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, 
     assert (status, output) == (1, "")
     assert problem in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_stops_are_printed_even_if_no_change_can_be_driven(tmp_path, capsys, monkeypatch):
+    def change_for(*_):
+        raise ApplrError("a.bag: no course")
+
+    (tmp_path / "a.bag").write_bytes(b"junk")
+    monkeypatch.setattr(why, "logbook_of", lambda *_: book_of(logged_bag(stop_at(0.0))))
+    monkeypatch.setattr(why, "change_for", change_for)
+    assert why.main([str(tmp_path), "--workers", "0"]) == 0
+    output, errors = capsys.readouterr()
+    assert output.startswith("1 stop in 1 drive cost 10 s")
+    assert errors == "no change is advised: a.bag: no course\n"
