@@ -573,8 +573,13 @@ class Robot:
     def in_matched_frame(self) -> Robot:
         """Return the robot that drives without a map in the frame of the monitor's matched poses.
 
-        On a map, localisation corrects the odometry.
+        On a map, or in another frame than the odometry's, localisation corrects the odometry: the
+        robot stays as it is.
         """
+        parameters = self.parameters()
+        costmap_frames = {parameters[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS}
+        if costmap_frames != {self.frames.odom.lstrip("/")}:
+            return self
         without_map, with_map = self.move_base
         change = {costmap: {"global_frame": self.frames.matched} for costmap in COSTMAPS}
         return replace(self, move_base=MoveBaseSetup(merged(without_map, change), with_map))

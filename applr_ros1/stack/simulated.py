@@ -64,7 +64,7 @@ class Tick(NamedTuple):
     step: Step
     after: RobotState
     place: Pose
-    planner_pose: Pose = (0.0, 0.0, 0.0)
+    planner_pose: Pose
 
 
 class SimulatedRobot:

@@ -30,7 +30,7 @@ def tick(x, result=None, **state):
     place = (x, 0.0, 0.0)
     after = replace(RobotState(pose=place), **state)
     step = Step(Cycle(result=result), verdict=None, command=None)
-    return Tick(RobotState(), scan=None, step=step, after=after, place=place)
+    return Tick(RobotState(), scan=None, step=step, after=after, place=place, planner_pose=place)
 
 
 def status(ruling):

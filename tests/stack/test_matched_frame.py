@@ -1,6 +1,7 @@
 """Tests of a simulated robot that drives in the frame of the monitor's matched poses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from applr_ros1.drives import simulate
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.state_machine import Cycle
+from applr_ros1.robots.robot import MoveBaseSetup
 from training.env.settings import TrialSettings
 
 CORRECTION = (0.5, -0.2, 0.3)  # pose of the odometry frame in that of the matched poses
@@ -133,6 +135,14 @@ def test_a_map_has_its_own_frame():
     for costmap in ("global_costmap", "local_costmap"):
         assert waffle.parameters()[costmap]["global_frame"] == "matched"
     assert waffle.on_map().parameters()["global_costmap"]["global_frame"] == "map"
+
+
+def test_a_robot_whose_costmaps_are_in_the_frame_of_a_slam_keeps_it():
+    without_map, with_map = robots.JACKAL.move_base
+    global_costmap = {**without_map["global_costmap"], "global_frame": "map"}
+    setup = MoveBaseSetup({**without_map, "global_costmap": global_costmap}, with_map)
+    robot = replace(robots.JACKAL, move_base=setup)
+    assert robot.in_matched_frame() is robot
 
 
 def test_the_place_in_the_matched_frame_is_nearer_to_the_truth_than_the_odometry():

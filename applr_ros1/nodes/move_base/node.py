@@ -172,10 +172,11 @@ class MoveBaseNode:
         """Run one control cycle at ROS time `stamp`."""
         now = stamp.to_sec()
         move_base = self.move_base
-        self._take_goals(stamp, now)
         robot_pose, frame_pose = self._locate(stamp)
+        # A goal that is taken after a restart of the monitor is already in its new frame.
         if self._awaits_monitor and robot_pose is not None:
             self._follow_monitor(stamp)
+        self._take_goals(stamp, now)
         observations = self.sensors.observations()
         cycle = move_base.step(now, robot_pose, self.sensors.twist, observations, frame_pose)
         self._pose = None if robot_pose is None else move_base.in_global_frame(robot_pose)
