@@ -314,7 +314,9 @@ def test_only_values_that_move_base_refuses_are_kept_as_refused(monkeypatch, fai
 
 def test_a_drive_that_cannot_be_simulated_is_named_and_not_kept(monkeypatch):
     book = course_that_fails(monkeypatch, None)
-    with pytest.raises(ApplrError, match="a.bag: the recorded values cannot be driven .* footprint"):
+    with pytest.raises(
+        ApplrError, match="a.bag: the recorded values cannot be driven .* footprint"
+    ):
         change_for(book, BagAnswerOptions(robot=JACKAL), None, lambda: None)
     assert not book.bags[0].file.drives
 
