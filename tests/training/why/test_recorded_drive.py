@@ -2,7 +2,10 @@
 tf.
 """
 
+from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,6 +28,7 @@ from applr_ros1.drives.frames import Tree
 from applr_ros1.drives.paths import path_of
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import fitting
+from applr_ros1.why.black_box.description import DescribedRobot, text_of
 from applr_ros1.why.fitting import plans_of
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
@@ -32,7 +36,13 @@ from tests.support.drives import simulated, until
 from training.bags.maker import Maker
 from training.bags.read import BagError, read
 from training.bags.write import BagWriter, write
-from training.why.recorded import RecordedOptions, recording_of
+from training.why import recorded
+from training.why.recorded import (
+    BagAnswerOptions,
+    RecordedOptions,
+    recording_of,
+    with_description,
+)
 
 PLANNER = RerunPlanner(JACKAL)
 
@@ -297,6 +307,20 @@ def test_a_damaged_path_is_left_to_rosbags():
         assert path_of(raw_message) is None
     # All zeros is a whole message: an empty path in a frame without a name.
     assert len(path_of(b"\0" * 20)["path"]) == 0
+
+
+# -- the black box's description -------------------------------------------------------------------
+@pytest.mark.parametrize("is_known", [True, False])
+def test_nothing_is_driven_with_a_body_that_nobody_described_or_gave(monkeypatch, is_known):
+    text = text_of(DescribedRobot(JACKAL, TopicNames.of(JACKAL), is_known))
+    bag = SimpleNamespace(text_on=lambda topic: text)
+    monkeypatch.setattr(recorded, "opened", lambda path: nullcontext(bag))
+
+    described = with_description(Path("stop.bag"), BagAnswerOptions())
+    given = with_description(Path("stop.bag"), BagAnswerOptions(robot=JACKAL))
+
+    assert described.quick == (not is_known)
+    assert not given.quick
 
 
 # -- names -----------------------------------------------------------------------------------------
