@@ -30,6 +30,7 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.why import fitting
 from applr_ros1.why.black_box.description import DescribedRobot, text_of
 from applr_ros1.why.fitting import plans_of
+from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.drives import simulated, until
@@ -418,10 +419,7 @@ def test_a_planner_that_is_not_replayed_is_said_at_once_and_no_robot_asked_for(
     write(bag_path, drive)
     with pytest.raises(BagError) as refusal:
         read_back(bag_path, **given)
-    assert str(refusal.value) == (
-        f"{bag_path}: TebLocalPlannerROS drove: "
-        "only drives of TrajectoryPlannerROS and DWAPlannerROS are replayed"
-    )
+    assert str(refusal.value) == f"{bag_path}: {OTHER_PLANNER}"
 
 
 # -- clocks ----------------------------------------------------------------------------------------
