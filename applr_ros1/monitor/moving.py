@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, inverse, transform_point
+from applr_ros1.common.angles import Pose, inverse, transform_motions, transform_point
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
@@ -116,13 +116,13 @@ def tracked_discs(
         age: Time from the scan of the tracked obstacles to this pose [s].
         acceleration: Largest change of their velocities [m/s^2].
     """
-    to_robot = inverse(robot_pose)
-    x, y = transform_point(to_robot, movers.x, movers.y)
-    vx, vy = transform_point((0.0, 0.0, to_robot[2]), movers.vx, movers.vy)
-    pp, pv, vv = movers.covariance.T
-    discs = np.zeros((len(x), len(DISC.names or ())))
-    for column, values in enumerate((x, y, vx, vy, movers.radius, pp, pv, vv, acceleration)):
-        discs[:, column] = values
+    motions = np.column_stack([movers.x, movers.y, movers.vx, movers.vy])
+    # The columns are the fields of DISC, in their order.
+    discs = np.zeros((len(motions), len(DISC.names or ())))
+    discs[:, :4] = transform_motions(inverse(robot_pose), motions)
+    discs[:, 4] = movers.radius
+    discs[:, 5:8] = movers.covariance
+    discs[:, 8] = acceleration
     discs[:, -1] = age
     depths = planes[:, 2] - discs[:, :2] @ planes[:, :2].T
     return discs.view(DISC)[depths.min(axis=1) < 0.0, 0]
@@ -144,8 +144,8 @@ def without_movers(scan: LaserScan, movers: Movers) -> LaserScan:
 
 def warm_up(scan: LaserScan) -> None:
     """Compile or load the kernel that runs only once something moves."""
-    one = np.ones(1)
-    without_movers(scan, Movers(one, one, one, one, one, one, np.ones((1, 3))))
+    ones = np.ones(1)
+    without_movers(scan, Movers(ones, ones, ones, ones, ones, ones, np.ones((1, 3))))
 
 
 @kernel
@@ -157,7 +157,7 @@ def _without_discs(ranges: Array32, directions: Array, discs: Array) -> Array32:
         directions: (n, 2) cosine and sine of each beam.
         discs: (k, 3) x, y and radius [m] in the laser's frame.
     """
-    rest = ranges.copy()
+    kept_ranges = ranges.copy()
     for beam in range(ranges.shape[0]):
         if not np.isfinite(ranges[beam]):
             continue
@@ -167,8 +167,8 @@ def _without_discs(ranges: Array32, directions: Array, discs: Array) -> Array32:
             apart_x = end_x - discs[disc, 0]
             apart_y = end_y - discs[disc, 1]
             if apart_x * apart_x + apart_y * apart_y < discs[disc, 2] ** 2:
-                rest[beam] = np.nan
-    return rest
+                kept_ranges[beam] = np.nan
+    return kept_ranges
 
 
 def gaps_in(scan: LaserScan) -> Array:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle, transform_point
+from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle, transform_motions
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.scan import LaserScan, beam_directions
 from applr_ros1.movers import clusters, tracks
@@ -198,10 +198,8 @@ class MoverTracker:
         if not is_moving.any():
             return NO_MOVERS
         moving_tracks = self._tracks[is_moving]
-        to_odometry = inverse(self._correction)
-        turn_to_odometry = (0.0, 0.0, to_odometry[2])
-        x, y = transform_point(to_odometry, moving_tracks["x"], moving_tracks["y"])
-        vx, vy = transform_point(turn_to_odometry, moving_tracks["vx"], moving_tracks["vy"])
+        motions = np.column_stack([moving_tracks[column] for column in ("x", "y", "vx", "vy")])
+        x, y, vx, vy = transform_motions(inverse(self._correction), motions).T
         covariance = [moving_tracks["pp"], moving_tracks["pv"], moving_tracks["vv"]]
         return Movers(
             id=moving_tracks["id"],
