@@ -212,11 +212,10 @@ class SimulatedRobot:
             scan = self._scan()
         # Pose of the odometry's frame in the map's
         origin: Optional[Pose] = None
+        planner_pose = self.place
         if self._to_map is not None:
             origin = self.origin
-        planner_pose = before.odom_pose
-        if self.correction is not None:
-            planner_pose = compose(self.correction, planner_pose)
+            planner_pose = before.odom_pose
         step = self.driver.step(before.time, before.odom_pose, before.odom_twist, scan, origin)
         if step.command is not None:
             self.simulator.command(*step.command)
