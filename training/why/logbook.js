@@ -204,16 +204,7 @@ const heads = ["lost", "stop", "what and why", "the replay's guess"];
 content.append(
   stopsTitle,
   allButton,
-  make(
-    "div",
-    {class: "wide", tabindex: 0},
-    make(
-      "table",
-      {class: "words"},
-      make("thead", {}, make("tr", {}, ...heads.map(name => make("th", {scope: "col"}, name)))),
-      stopRows,
-    ),
-  ),
+  wideTable(heads, stopRows, {class: "words"}),
   make("p", {class: "note"}, "A link opens the page of the drive, at this stop."),
 );
 
@@ -226,16 +217,7 @@ if (D.driven) {
   const driven = ["values", `driven in the worlds of ${counted(D.driven.bags.length, "stop")}`];
   content.append(
     make("h2", {}, "What was tried"),
-    make(
-      "div",
-      {class: "wide", tabindex: 0},
-      make(
-        "table",
-        {class: "words"},
-        make("thead", {}, make("tr", {}, ...driven.map(name => make("th", {scope: "col"}, name)))),
-        make("tbody", {}, ...rows),
-      ),
-    ),
+    wideTable(driven, make("tbody", {}, ...rows), {class: "words"}),
   );
 }
 if (D.notes.length)

@@ -340,18 +340,12 @@ function sampleName(words, row) {
 function sampleTable(cycle) {
   const [head, ...rows] = cycle.table;
   const words = row => make("tr", {}, ...row.map(value => make("td", {}, fixed(value, 2))));
-  const table = make(
-    "table",
-    {},
-    make("thead", {}, make("tr", {}, ...head.map(name => make("th", {scope: "col"}, name)))),
-    make("tbody", {}, ...rows.map(words)),
-  );
   return make(
     "details",
     {},
     make("summary", {}, "Samples in numbers"),
     make("p", {class: "note"}, "First the command, then the cheapest samples."),
-    make("div", {class: "wide", tabindex: 0}, table),
+    wideTable(head, make("tbody", {}, ...rows.map(words))),
   );
 }
 
@@ -405,19 +399,10 @@ let triedView = null;
 if (tried.length) {
   const figure = make("figure");
   const rows = make("tbody", {}, ...tried.map(triedRow));
-  const head = make(
-    "thead",
-    {},
-    make(
-      "tr",
-      {},
-      make("th", {scope: "col"}, "values"),
-      make("th", {scope: "col"}, "driven in simulation, from the recorded start to the goal"),
-    ),
-  );
+  const heads = ["values", "driven in simulation, from the recorded start to the goal"];
   content.append(
     make("h2", {}, "What was tried"),
-    make("div", {class: "wide", tabindex: 0}, make("table", {class: "words"}, head, rows)),
+    wideTable(heads, rows, {class: "words"}),
     figure,
   );
   triedView = new TopView(

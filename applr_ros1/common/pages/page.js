@@ -35,6 +35,13 @@ function make(tag, attributes = {}, ...children) {
   return element;
 }
 
+// A table with the names of its columns. Where it is wider than the page, it scrolls by itself.
+function wideTable(heads, body, attributes = {}) {
+  const headCells = heads.map(name => make("th", {scope: "col"}, name));
+  const head = make("thead", {}, make("tr", {}, ...headCells));
+  return make("div", {class: "wide", tabindex: 0}, make("table", attributes, head, body));
+}
+
 function fixed(value, digits) {
   return value.toFixed(digits).replace("-", "−");
 }
