@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import List
+from typing import List, NamedTuple
 
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.robots import Robot
 from applr_ros1.why.diagnosis import outside_events
-from applr_ros1.why.events import Event
+from applr_ros1.why.events import DriveLimits, Event
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 
@@ -30,8 +30,16 @@ def control_period(robot: Robot) -> float:
     return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
 
 
-def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> List[Event]:
-    """Return the events of a drive with the reasons that need no replay.
+class OutsideView(NamedTuple):
+    """Motion of a drive, its speed limits, and its events with the reasons that need no replay."""
+
+    motion: Motion
+    limits: DriveLimits
+    events: List[Event]
+
+
+def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> OutsideView:
+    """Return what is known of a drive without a replay.
 
     Args:
         drive: The drive.
@@ -40,4 +48,5 @@ def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> List[Even
     """
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
-    return outside_events(drive, motion, limits, control_period(robot))
+    found_events = outside_events(drive, motion, limits, control_period(robot))
+    return OutsideView(motion, limits, found_events)

@@ -113,7 +113,7 @@ def _driven(robot: Robot, world: int, seed: int) -> Any:
 
 def _stop_count(drive: Any, robot: Robot) -> int:
     """Return the number of stops of a drive."""
-    events = seen_from_outside(drive, drive.odometry, robot)
+    events = seen_from_outside(drive, drive.odometry, robot).events
     return sum(event.seconds >= STOP_S for event in events)
 
 

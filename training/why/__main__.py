@@ -20,7 +20,6 @@ from tqdm import tqdm
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
-from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.replay import Replay, Watch
@@ -88,9 +87,7 @@ def run(options: WhyOptions) -> None:
     try:
         replays = [_replayed(bag_path, options) for bag_path in bag_paths]
     except NotReplayedError as problem:
-        if problem.drive.odometry is None:
-            raise
-        _answer_from_outside(problem.drive, problem.drive.odometry, problem.note, options)
+        _answer_from_outside(problem, options)
         return
     first_replay, *other_replays = replays
     if options.map:
@@ -155,10 +152,11 @@ def _bag_bar(calls: Iterable[Any], total: int, done: int) -> Iterable[Any]:
 
 
 # -- one bag ---------------------------------------------------------------------------------------
-def _answer_from_outside(drive: Drive, odometry: Motion, note: str, options: WhyOptions) -> None:
+def _answer_from_outside(problem: NotReplayedError, options: WhyOptions) -> None:
     """Print what is known of a drive that is not replayed."""
-    found_events = seen_from_outside(drive, odometry, options.robot)
-    lines = outside_lines(found_events, note)
+    drive = problem.drive
+    found_events = seen_from_outside(drive, problem.odometry, options.robot).events
+    lines = outside_lines(found_events, problem.note)
     if options.json_:
         print(json.dumps(outside_values(drive, found_events, lines)))
     else:

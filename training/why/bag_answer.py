@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from applr_ros1.common.angles import Pose, compose, transform_point
-from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.drives.drive import Motion
 from applr_ros1.drives.frames import Tree
 from applr_ros1.drives.places import route_frame
 from applr_ros1.planner.parameters.settings import Change
@@ -21,11 +21,9 @@ from applr_ros1.robots.geometry import bounding_box
 from applr_ros1.why.answer import best_guess
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event
-from applr_ros1.why.fitting import with_velocities
-from applr_ros1.why.limits import limits_of, start_values
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.recording import Recording
-from training.bags.read import BagError, opened
+from training.bags.read import opened
 from training.why.answer import Answer, outside_lines
 from training.why.candidates import Candidate
 from training.why.recorded import BagAnswerOptions, NotReplayedError, with_description
@@ -164,12 +162,7 @@ def answer_to(path: Path, options: BagAnswerOptions) -> AnsweredBag:
     try:
         replay = replay_in(path, options)
     except NotReplayedError as problem:
-        if problem.drive.odometry is None:
-            raise BagError(f"{path}: there is no odometry") from None
-        answer = _outside_answer(
-            problem.drive, problem.drive.odometry, problem.note, options.robot, begin
-        )
-        return AnsweredBag(answer, None)
+        return AnsweredBag(_outside_answer(problem, options.robot, begin), None)
     check_cycles(path, replay)
     diagnosis = diagnose(replay)
     return _replayed_answer(diagnosis, begin, options.quick)
@@ -221,26 +214,21 @@ def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> Answ
     return AnsweredBag(answer, course.conditions if course else None)
 
 
-def _outside_answer(
-    drive: Drive, odometry: Motion, note: str, robot: Robot, begin: float
-) -> BagAnswer:
+def _outside_answer(problem: NotReplayedError, robot: Robot, begin: float) -> BagAnswer:
     """Return what is known of a drive that is not replayed.
 
     Args:
-        drive: The drive.
-        odometry: Its odometry.
-        note: Why it is not replayed.
+        problem: The drive, and why it is not replayed.
         robot: Robot that drove.
         begin: Time of the bag's first message [s].
     """
-    found_events = seen_from_outside(drive, odometry, robot)
-    motion = with_velocities(odometry).motion
-    limits = limits_of(drive, motion, robot, start_values(robot))
-    top_speed = float(limits.speed.mean())
+    drive = problem.drive
+    view = seen_from_outside(drive, problem.odometry, robot)
+    top_speed = float(view.limits.speed.mean())
     own_frame: Pose = (0.0, 0.0, 0.0)
     stops = []
-    for event in found_events:
-        stops.append(_stop(event, _lost_seconds(event, motion, top_speed), own_frame))
+    for event in view.events:
+        stops.append(_stop(event, _lost_seconds(event, view.motion, top_speed), own_frame))
     box = bounding_box(robot)
     return BagAnswer(
         robot=robot.name,
@@ -251,8 +239,8 @@ def _outside_answer(
         is_shared=False,
         origin=own_frame,
         stops=stops,
-        track=_track(motion, own_frame),
-        values=outside_values(drive, found_events, outside_lines(found_events, note)),
+        track=_track(view.motion, own_frame),
+        values=outside_values(drive, view.events, outside_lines(view.events, problem.note)),
     )
 
 

@@ -120,6 +120,16 @@ class Logbook:
         return sum(logged.stop.lost for logged in self.stops)
 
     @property
+    def commands(self) -> int:
+        """Number of recorded commands of all replayed drives."""
+        return sum(bag.answer.commands for bag in self.bags)
+
+    @property
+    def reproduced(self) -> int:
+        """Number of those that the replays reproduce."""
+        return sum(bag.answer.reproduced for bag in self.bags)
+
+    @property
     def robots(self) -> Dict[str, float]:
         """Time lost by robot [s], the largest one first."""
         lost_by_robot: Dict[str, float] = {bag.answer.robot: 0.0 for bag in self.bags}

@@ -20,11 +20,11 @@ from training.why.logbook_words import (
     advice,
     by_day,
     by_parameter,
+    by_place,
     by_reason,
     headline,
     how_sure,
     lines_of,
-    place_in_words,
     stop_in_words,
 )
 from training.why.pages import MARKS, drive_page
@@ -54,21 +54,18 @@ def logbook_values(logbook: Logbook, change: Optional[CommonChange]) -> Dict[str
         return [_group_values(lost_time, number_of) for lost_time in lost_times]
 
     places = []
-    for place in logbook.places:
-        group = _group_values(LostTime(place_in_words(place), place.stops), number_of)
+    for place, group in zip(logbook.places, groups(by_place(logbook.places))):
         x, y = place.stops[0].position
         places.append({**group, "place": [x, y], "floor": place.floor})
     remedies = []
     if change is not None and change.trials.remedy is not None:
         remedies.append(str(change.trials.remedy.candidate))
-    command_count = sum(bag.answer.commands for bag in logbook.bags)
-    reproduced_count = sum(bag.answer.reproduced for bag in logbook.bags)
     return {
         "lines": lines_of(logbook, change),
         "happened": headline(logbook),
         "advice": advice(logbook, change),
         "sure": how_sure(logbook, change),
-        "reproduced": reproduced_count / command_count if command_count else 0.0,
+        "reproduced": logbook.reproduced / logbook.commands if logbook.commands else 0.0,
         "remedies": remedies,
         "notes": logbook.notes,
         "robots": logbook.robots,

@@ -75,6 +75,11 @@ def by_day(stops: Sequence[LoggedStop]) -> List[LostTime]:
     return sorted(_grouped(dated_stops, day_of), key=lambda group: group.words)
 
 
+def by_place(places: Sequence[StopPlace]) -> List[LostTime]:
+    """Return the stops at each place."""
+    return [LostTime(place_in_words(place), place.stops) for place in places]
+
+
 def _grouped(stops: Sequence[LoggedStop], words_of: Callable[[LoggedStop], str]) -> List[LostTime]:
     """Return stops by some words, those that cost most time first."""
     groups: DefaultDict[str, List[LoggedStop]] = defaultdict(list)
@@ -161,13 +166,11 @@ def _change_in_words(change: CommonChange) -> str:
 
 def how_sure(logbook: Logbook, change: Optional[CommonChange]) -> str:
     """Return how far replays and simulated drives agree with the recorded ones."""
-    command_count = sum(bag.answer.commands for bag in logbook.bags)
-    reproduced_count = sum(bag.answer.reproduced for bag in logbook.bags)
     sentence_parts = []
-    if command_count:
-        share = reproduced_count / command_count
+    if logbook.commands:
+        share = logbook.reproduced / logbook.commands
         sentence_parts.append(
-            f"{reproduced_count:,} of {command_count:,} commands reproduced ({share:.1%})"
+            f"{logbook.reproduced:,} of {logbook.commands:,} commands reproduced ({share:.1%})"
         )
     doubtful = 0
     for bag in logbook.bags:
@@ -222,8 +225,7 @@ def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
         return lines
     lines += _listed("Time lost by reason", by_reason(logbook.stops))
     lines += _listed("By parameter of the replay's best guess", by_parameter(logbook.stops))
-    places = [LostTime(place_in_words(place), place.stops) for place in logbook.places]
-    lines += _listed("By place", places)
+    lines += _listed("By place", by_place(logbook.places))
     lines += _listed("By day", by_day(logbook.stops))
     lines.append("The worst stops:")
     lines += indented(map(stop_in_words, logbook.stops[:WORST]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, TypeVar
 
-from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.drives.names import names_in
 from applr_ros1.why.black_box.description import TOPIC, described_by
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER, is_other_planner
@@ -39,12 +39,14 @@ class NotReplayedError(BagError):
 
     Attributes:
         drive: The drive.
+        odometry: Its odometry.
         note: Why it is not replayed.
     """
 
-    def __init__(self, path: Path, drive: Drive, note: str):
+    def __init__(self, path: Path, drive: Drive, odometry: Motion, note: str):
         super().__init__(f"{path}: {note}")
         self.drive = drive
+        self.odometry = odometry
         self.note = note
 
 
@@ -102,7 +104,9 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         else:
             return recording_from(drive, names, bag.types, planner, robot, is_given)
     # Outside the block, whose errors would become others without the drive
-    raise NotReplayedError(path, drive, note)
+    if drive.odometry is None:
+        raise BagError(f"{path}: there is no odometry")
+    raise NotReplayedError(path, drive, drive.odometry, note)
 
 
 def has_plan(drive: Drive) -> bool:

@@ -117,7 +117,7 @@ def answers_of(
         yield replace(first_answer, reason="there is no odometry")
         return
     robot = described_robot.robot
-    event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot))
+    event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot).events)
     # A moment that is no event has no reason yet.
     give_outside_reason(event, drive, control_period(robot))
     # The place stays in the frame of the odometry, which may not be that of the replay.
