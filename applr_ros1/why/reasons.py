@@ -25,7 +25,7 @@ from applr_ros1.why.stretch import (
 )
 
 BEFORE_S = 1.0  # time before a stop in which its cause may lie [s]
-JUMP_BEFORE_S = 3.0  # the same of a jump of the pose, after which the robot may drive on first [s]
+JUMP_BEFORE_S = 3.0  # the same for a jump of the pose, which shows later [s]
 SILENT_PERIODS = 5.0  # shortest silence of a source, in its usual gaps
 # A command asks for motion from these on [m/s, rad/s].
 DRIVES_SPEED = 0.05

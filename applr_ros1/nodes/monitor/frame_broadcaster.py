@@ -21,7 +21,7 @@ LEAD_S = 0.1
 class FrameBroadcaster:
     """Broadcaster of the latest correction of the odometry.
 
-    It is broadcast without a new scan, too, because the correction before it holds on.
+    It is broadcast without a new scan, too, because the last correction stays valid.
 
     Args:
         odometry_frame: Frame of the odometry, with its prefix.

@@ -288,7 +288,7 @@ class CollisionMonitorNode:
             raise problem
         self._commands.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
-        # Who drives in the frame of the matched poses must not see it jump.
+        # The frame must not jump for a planner that drives in it.
         correction = self.monitor.matched_frame.correction
         self.monitor.reset()
         self.monitor.matched_frame.correction = correction

@@ -26,7 +26,7 @@ class LastCorrection(NamedTuple):
 
 
 class FrameRestart:
-    """Finds out that the frame of matched poses has begun anew."""
+    """Detects a restart of the collision monitor by the jump of its frame."""
 
     def __init__(self) -> None:
         self.forget()
@@ -36,7 +36,7 @@ class FrameRestart:
         self._last: Optional[LastCorrection] = None
 
     def take(self, now: float, odometry: Pose) -> Optional[Pose]:
-        """Return the pose of the frame before in that of now; None if it is the same frame.
+        """Return the pose of the previous frame in the new one, or None if it is the same.
 
         Args:
             now: Time of a cycle in which the robot's pose is known [s].

@@ -227,7 +227,7 @@ class MoveBaseNode:
         return robot_pose, frame_pose
 
     def _follow_monitor(self, stamp: rospy.Time) -> None:
-        """Carry the goal over to the frame of a monitor that has started again, without the maps.
+        """Transform the goal into the frame of a restarted monitor, and clear the costmaps.
 
         The C++ move_base keeps both, so that its goal and its maps are then off.
         """
@@ -249,7 +249,7 @@ class MoveBaseNode:
             self._set_goal(compose(change, self.move_base.goal), stamp, now)
 
     def _set_goal(self, goal_pose: Pose, stamp: rospy.Time, now: float) -> None:
-        """Pass a goal in the global frame to the planner, and tell of it."""
+        """Pass a goal in the global frame to the planner, and publish it."""
         self.move_base.set_goal(goal_pose, now)
         self._current_goal.publish(conversions.pose_stamped(goal_pose, self.frame, stamp))
 
