@@ -25,6 +25,7 @@ from applr_ros1.robots import JACKAL, Robot
 
 _LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
+BAG_SUFFIXES = (".bag", ".mcap", ".db3")  # ends of the names of bags that are one file
 
 
 class BagError(ApplrError):
@@ -154,9 +155,14 @@ def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
         if given_path.is_file() or (given_path / METADATA).exists():
             bags.append(given_path)
         else:
-            for inner_path in sorted(given_path.rglob("*")):
-                if inner_path.suffix == ".bag" or (inner_path / METADATA).exists():
-                    bags.append(inner_path)
+            bags += filter(_is_bag, sorted(given_path.rglob("*")))
     if not bags:
         raise BagError(f"{', '.join(map(str, paths))}: no bags there: {remedy}")
     return bags
+
+
+def _is_bag(path: Path) -> bool:
+    """Return whether a path is a bag. The files in a folder of ROS 2 are parts of one."""
+    if (path / METADATA).exists():
+        return True
+    return path.suffix in BAG_SUFFIXES and not (path.parent / METADATA).exists()

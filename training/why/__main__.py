@@ -82,6 +82,8 @@ def run(options: WhyOptions) -> None:
     if is_folder or len(bag_paths) > COMPARED:
         _keep_logbook(bag_paths, options)
         return
+    if options.on:
+        raise ApplrError("--on is the map of a logbook: give a folder, or three bags and more")
     # A bag of the black box says which robot drove.
     options = with_description(bag_paths[0], options)
     try:
@@ -121,6 +123,8 @@ def _keep_logbook(bag_paths: Sequence[Path], options: WhyOptions) -> None:
     for option_name in ("at", "map"):
         if option_name in options.model_fields_set:
             raise ApplrError(f"--{option_name} is about one bag, there are several: give one bag")
+    if options.on and not options.out:
+        raise ApplrError("--on is the map on the page of a logbook: name the page with --out")
     floor_map = read_map(options.on) if options.on else None
     given = {name: getattr(options, name) for name in options.model_fields_set}
     bag_options = BagAnswerOptions(

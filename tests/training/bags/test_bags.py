@@ -531,7 +531,8 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
     assert bags_in([tmp_path]) == [original, ros1_bag, ros2_bag]
     # ROS 2's file of messages alone, without metadata.yaml, as people send it by mail
     (messages_alone,) = [file for file in ros2_bag.iterdir() if file.name != "metadata.yaml"]
-    sent_by_mail = shutil.copy(messages_alone, tmp_path)
+    sent_by_mail = Path(shutil.copy(messages_alone, tmp_path))
+    assert sent_by_mail in bags_in([tmp_path])
 
     # Then: all of them have the transitions of the drive
     (expected,), _ = rebuild(original)

@@ -450,6 +450,7 @@ def test_damaged_answers_are_made_again_and_said_once(folder, capsys):
         ([], "no bags there"),
         (["junk.bag"], "junk.bag: cannot be read"),
         (["junk.bag", "--at", "0"], "--at is about one bag, there are several: give one bag"),
+        (["junk.bag", "--on", "map.yaml"], "name the page with --out"),
     ],
 )
 def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, problem):
@@ -461,6 +462,13 @@ def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, 
     assert (status, output) == (1, "")
     assert problem in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_a_map_needs_a_logbook_to_lie_under(tmp_path, capsys):
+    (tmp_path / "junk.bag").write_bytes(b"junk")
+    status, _, errors = ran(capsys, tmp_path / "junk.bag", "--on", "map.yaml")
+    assert status == 1
+    assert "--on is the map of a logbook: give a folder" in errors
 
 
 def test_stops_are_printed_even_if_no_change_can_be_driven(tmp_path, capsys, monkeypatch):
