@@ -37,7 +37,7 @@ def stack(running):
     # The latest command of each stays: tests ask for it at any time.
     del relay.commands[:-1], relay.planned[:-1]
     yield running
-    assert not relay.touched, "the robot touched an obstacle"
+    assert relay.touched is None, f"the robot touched an obstacle: {relay.touched}"
     for child in running.nodes.values():
         assert child.alive(), child.text
         assert "Traceback" not in child.text, child.text

@@ -49,7 +49,7 @@ class Relay:
         faults: {stream: function message -> message or None}.
         shift: Offset added to every stamp and to the clock [s].
         now, x, speed: Time, position and speed of the robot in the simulator [s, m, m/s].
-        touched: Whether the robot has touched an obstacle.
+        touched: State in which the robot first touched an obstacle; None if it has not.
         aside: Lateral position and yaw of the robot [m, rad]; both are 0 on the straight line to
             the goal.
         commands: Commands to the base.
@@ -61,7 +61,7 @@ class Relay:
     def __init__(self):
         self.clear_faults()
         self.shift = BEGIN
-        self.touched = False
+        self.touched = None
         self.now = 0.0
         self.x = 0.0
         self.speed = 0.0
@@ -132,7 +132,8 @@ class Relay:
 
     def _on_contact(self, message):
         # A contact stays one, until a test takes it back.
-        self.touched |= message.data
+        if message.data and self.touched is None:
+            self.touched = State(self.now, self.x, self.speed)
 
     def _on_planned(self, message):
         _keep(message, self.planned)

@@ -128,7 +128,7 @@ class Stack:
         self.cancel_goal()
         rospy.ServiceProxy("/sim_bridge/reset", Empty)()
         wait_for(lambda: abs(self.relay.x) < 0.1, "the start")
-        self.relay.touched = False
+        self.relay.touched = None
 
     @property
     def goal_is_over(self):

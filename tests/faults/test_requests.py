@@ -120,7 +120,7 @@ def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
     # The promise holds for commands that reach the base within the reaction time.
     longest_delay = np.diff([command.stamp for command in stack.relay.commands[-75:]]).max()
     if longest_delay > load("jackal").monitor.reaction_time:
-        stack.relay.touched = False
+        stack.relay.touched = None
         pytest.skip(
             f"the machine is too busy: a command reached the base after {longest_delay:.2f} s"
         )
