@@ -43,7 +43,7 @@ def straight(status=REACHED, speed=1.0):
         decided=[0.0, 1.0],
     )
     end_time = float(times[-1])
-    drive.goals = [Goal("goal", 0.0, end_time, status, "timed out")]
+    drive.goals = [Goal("goal", 0.0, end_time, status, "it went too slowly")]
     return drive
 
 
@@ -70,7 +70,7 @@ def test_the_verdict_says_time_length_and_the_nearest_obstacle():
     failed_drive = straight(TIMED_OUT)
     failed_drive.contacts = np.array([1.0])
     verdict = verdict_of(failed_drive, WORLD, OUTLINE)
-    assert verdict.startswith("Did not reach the goal: timed out after 3.0 s")
+    assert verdict.startswith("Did not reach the goal: it went too slowly after 3.0 s")
     assert verdict.endswith(", was touched at 1.0 m/s")
 
 
