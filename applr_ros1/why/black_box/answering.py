@@ -114,7 +114,9 @@ def answers_of(
         frame=drive.frame,
     )
     if drive.odometry is None:
-        yield replace(first_answer, reason="there is no odometry")
+        yield replace(
+            first_answer, reason=f"there is no odometry on {described_robot.topics.odometry}"
+        )
         return
     robot = described_robot.robot
     event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot).events)
