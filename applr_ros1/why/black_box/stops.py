@@ -78,8 +78,9 @@ class StopDetector:
         """Take a message that the detector wants."""
         if message.key == "odometry":
             self._next_odometry = message.recording_time + round(THINNED_S * SECOND)
-            x, y, _ = message.rows[0]["pose"]
-            self._place = (x, y)
+            for row in message.rows:
+                x, y, _ = row["pose"]
+                self._place = (x, y)
         self._messages.append(message)
 
     def asked(self, now: float) -> RobotStop:
