@@ -47,11 +47,10 @@ def read_table(path: str) -> Dict[str, Animation]:
         table_text = read_bytes(path).decode("utf-8-sig")
         for table_row in csv.DictReader(io.StringIO(table_text, newline="")):
             plugin = table_row["plugin"]
-            lengths[plugin] = float(table_row["length"])
+            values = " ".join(table_row[name] for name in ("length", "time", "x", "y"))
+            length, frame_time, x, y = numbers(values, 4, f"a row of {plugin}")
+            lengths[plugin] = length
             repeats[plugin] = table_row["repeat"] == "1"
-            frame_time = float(table_row["time"])
-            x = float(table_row["x"])
-            y = float(table_row["y"])
             waypoints = frames_by_plugin.setdefault(plugin, [])
             waypoints.append((frame_time, x, y))
 

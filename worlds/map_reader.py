@@ -40,8 +40,8 @@ class MapFile(BaseModel):
     resolution: float = Field(gt=0.0, le=1.0, description="the edge of a cell, up to 1 m")
     origin: Tuple[float, float, float] = Field(description="x, y and yaw [m, m, rad]")
     negate: bool = Field(description="0 or 1")
-    occupied_thresh: float = Field(description="a number from 0 to 1")
-    free_thresh: float = Field(description="a number from 0 to 1")
+    occupied_thresh: float = Field(ge=0.0, le=1.0, description="a number from 0 to 1")
+    free_thresh: float = Field(ge=0.0, le=1.0, description="a number from 0 to 1")
     mode: Literal["trinary", "scale", "raw"] = Field("trinary", description="trinary, scale or raw")
 
 
@@ -67,9 +67,16 @@ def read_fields(path: str) -> MapFile:
 def _fields(content: Any) -> MapFile:
     """Return the fields in the content of a map.yaml, or raise ApplrError."""
     try:
-        return MapFile.model_validate(content)
+        map_file = MapFile.model_validate(content)
     except ValidationError as refusal:
         problem = refusal.errors()[0]
+    else:
+        if map_file.free_thresh > map_file.occupied_thresh:
+            raise ApplrError(
+                f"free_thresh is {map_file.free_thresh:g}, above occupied_thresh "
+                f"({map_file.occupied_thresh:g}): no cell would be unknown, lower it"
+            )
+        return map_file
     fields = MapFile.model_fields.items()
     required_names = [field_name for field_name, field in fields if field.is_required()]
     has_fields = isinstance(content, dict) and content.keys() >= set(required_names)

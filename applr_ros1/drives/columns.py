@@ -188,12 +188,19 @@ def _pack_scan(row: Mapping[str, Any], sender: Sender) -> Fields:
 
 
 def _unpack_odometry(message: Any) -> List[Row]:
-    """Return the row of a nav_msgs/Odometry."""
+    """Return the row of a nav_msgs/Odometry, or none if a number is not finite.
+
+    Neither tf nor move_base takes such a number.
+    """
+    pose = pose_of(message.pose.pose)
+    twist = twist_of(message.twist.twist)
+    if not all(map(math.isfinite, (*pose, *twist))):
+        return []
     row = {
         "stamp": stamp_of(message.header.stamp),
         "frame": frame_of(message),
-        "pose": pose_of(message.pose.pose),
-        "twist": twist_of(message.twist.twist),
+        "pose": pose,
+        "twist": twist,
     }
     return [row]
 

@@ -133,8 +133,11 @@ def _stamped(messages: Sequence[Received], column: str) -> List[RecordedStamp]:
     """Return recording times and stamps [ns] of a sensor's messages that have a stamp."""
     stamped = []
     for message in messages:
-        if message.key == column and message.rows[0]["stamp"]:
-            stamped.append((message.recording_time, message.rows[0]["stamp"]))
+        if message.key != column:
+            continue
+        for row in message.rows:
+            if row["stamp"]:
+                stamped.append((message.recording_time, row["stamp"]))
     return stamped
 
 

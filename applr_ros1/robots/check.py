@@ -169,7 +169,9 @@ def remarks(robot: Robot) -> List[Remark]:
         setup = _Setup(robot, tree, parameters.complete(tree))
         found_remarks += _planner_remarks(setup)
         found_remarks += _linked_remarks(setup)
+        found_remarks += _odometry_remarks(setup)
         found_remarks += _range_remarks(setup)
+        found_remarks += _clearing_remarks(setup)
         for costmap in COSTMAPS:
             found_remarks += _costmap_remarks(setup, costmap)
     return found_remarks
@@ -600,6 +602,38 @@ def _range_remarks(setup: _Setup) -> Iterator[Remark]:
         section_path = section_in_files(setup.tree, source.path)
         branch(correction, section_path, create=True).update(needed_values)
         yield Remark(line, correction)
+
+
+def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
+    """Yield lasers whose points mark obstacles beyond the range in which they are cleared."""
+    for source in laser_sources(setup.tree):
+        clearing_range = branch(setup.full, source.path)["raytrace_range"]
+        if clearing_range >= source.obstacle_range:
+            continue
+        comparison = f"below obstacle_range ({source.obstacle_range:g})"
+        problem = "what is marked beyond it is not cleared from there"
+        remedy = f"raise it to {source.obstacle_range:g}"
+        correction: Dict[str, Any] = {}
+        section_path = section_in_files(setup.tree, source.path)
+        section = branch(correction, section_path, create=True)
+        section["raytrace_range"] = source.obstacle_range
+        label = f"{source.path}/raytrace_range"
+        yield Remark(
+            f"{label} is {clearing_range:g}, {comparison}: {problem}, {remedy}", correction
+        )
+
+
+def _odometry_remarks(setup: _Setup) -> Iterator[Remark]:
+    """Yield a local planner that reads another odometry than the collision monitor."""
+    planner_topic = branch(setup.tree, setup.planner).get("odom_topic")
+    topic = setup.robot.topics.odometry
+    if planner_topic and _differ(str(planner_topic), topic):
+        problem = (
+            f"but topics.odometry in robot.yaml, which the collision monitor reads, is {topic}"
+        )
+        yield Remark(
+            f"{setup.planner}/odom_topic is {planner_topic}, {problem}: give the same topic"
+        )
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:

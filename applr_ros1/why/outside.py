@@ -25,8 +25,14 @@ def is_other_planner(drive: Drive, robot: Robot) -> bool:
     return planner_of(drive, robot) not in REPLAYED
 
 
-def control_period(robot: Robot) -> float:
-    """Return the control period of a robot's move_base [s], by its parameters."""
+def control_period(drive: Drive, robot: Robot) -> float:
+    """Return the control period of a drive [s], by the parameters of the robot's move_base.
+
+    It is 0, for unknown, if another local planner drove than the robot's: these parameters are then
+    another robot's.
+    """
+    if planner_of(drive, robot) != robot.local_planner:
+        return 0.0
     return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
 
 
@@ -48,5 +54,5 @@ def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> OutsideVi
     """
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
-    found_events = outside_events(drive, motion, limits, control_period(robot))
+    found_events = outside_events(drive, motion, limits, control_period(drive, robot))
     return OutsideView(motion, limits, found_events)

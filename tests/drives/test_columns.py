@@ -6,10 +6,13 @@ import io
 import numpy as np
 import pytest
 
+from applr_ros1.common.trees import merged
 from applr_ros1.drives.bag import rows_of
-from applr_ros1.drives.columns import COLUMNS, Sender, column_of
+from applr_ros1.drives.columns import COLUMNS, SECOND, Sender, column_of
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, DriveError, Rows
+from applr_ros1.drives.received import Received, drive_from
 from applr_ros1.robots import JACKAL
+from applr_ros1.why.black_box.stops import StopDetector
 from tests.support.drives import whole_drive
 from training.bags.maker import Maker
 
@@ -92,6 +95,29 @@ def test_a_message_of_ros_gives_the_row_of_rosbags(key):
         assert maker.make(column.type, fields)  # This package's types are registered with use.
         rosbags_message = maker.store.deserialize_ros1(serialised.getvalue(), column.type)
         np.testing.assert_equal(column.unpack(received), column.unpack(rosbags_message))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pose": {"pose": {"position": {"x": np.nan}}}},
+        {"pose": {"pose": {"orientation": {"w": np.nan}}}},
+        {"twist": {"twist": {"angular": {"z": np.inf}}}},
+    ],
+)
+def test_odometry_that_is_not_finite_is_left_out(changes):
+    column = COLUMNS["odometry"]
+    _, fields = packed_rows("odometry")[0]
+    (finite_row,) = column.unpack(Maker().make(column.type, fields))
+    assert column.unpack(Maker().make(column.type, merged(fields, changes))) == []
+
+    times = np.arange(1, 4) * SECOND
+    messages = [Received(int(time), "odometry", [finite_row]) for time in times]
+    messages[1] = Received(int(times[1]), "odometry", [])
+    assert len(drive_from(messages, JACKAL).odometry) == 2
+    detector = StopDetector(JACKAL)
+    for message in messages:
+        detector.take(message)
 
 
 def test_a_decision_without_its_inputs_is_not_written():

@@ -43,7 +43,7 @@ def straight(status=REACHED, speed=1.0):
         decided=[0.0, 1.0],
     )
     end_time = float(times[-1])
-    drive.goals = [Goal("goal", 0.0, end_time, status, "timed out")]
+    drive.goals = [Goal("goal", 0.0, end_time, status, "it went too slowly")]
     return drive
 
 
@@ -70,7 +70,7 @@ def test_the_verdict_says_time_length_and_the_nearest_obstacle():
     failed_drive = straight(TIMED_OUT)
     failed_drive.contacts = np.array([1.0])
     verdict = verdict_of(failed_drive, WORLD, OUTLINE)
-    assert verdict.startswith("Did not reach the goal: timed out after 3.0 s")
+    assert verdict.startswith("Did not reach the goal: it went too slowly after 3.0 s")
     assert verdict.endswith(", was touched at 1.0 m/s")
 
 
@@ -93,6 +93,7 @@ def test_a_round_robot_is_drawn_and_measured_as_round(tmp_path):
     drawn_outline = np.array(data_of(html_path.read_text())["outline"])
     # The corner of a box would be 0.42 m from its centre.
     assert np.hypot(*drawn_outline.T) == pytest.approx(0.3, abs=0.015)
+    assert drawn_outline == pytest.approx(outline, abs=1e-3)
     # The obstacle is at the side of the last pose, and 0.6 m away from the path.
     corner_obstacle = worlds.World("lane", np.array([[3.35, 0.35, 0.05]]), NO_BOXES, COURSE)
     distance = nearest_obstacle(straight(), corner_obstacle, outline, 0.0)

@@ -21,6 +21,7 @@ from actionlib_msgs.msg import GoalStatus
 
 import worlds
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import REACHED, Goal
 from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, TOO_EARLY
 from applr_ros1.nodes.conversions import Reading
 from applr_ros1.nodes.robot_parameters import with_robot
@@ -30,6 +31,7 @@ from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.robots import NAMES, load
 from tests.support import DATA, HANGS, ROOT, is_alive
+from tests.support.drives import driven
 from tests.support.pages import data_of
 from tests.support.ros import Kept, wait_for
 
@@ -274,6 +276,21 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
     # actionlib logs an error if a client cancels a goal that has ended.
     assert client.cancel_goal.call_count == (state() == GoalStatus.ACTIVE)
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "end"), [("", " m"), ("this machine was too busy", "; this machine was too busy")]
+)
+def test_the_headline_of_a_demo_says_what_a_busy_machine_has_spoiled(spoiled, end, monkeypatch):
+    monkeypatch.setattr(demo_tool, "page", lambda **values: values["verdict"])
+    times = np.arange(0.0, 1.0, 0.1)
+    drive = driven(times, pose=np.zeros((10, 3)), twist=np.zeros((10, 2)))
+    drive.goals = [Goal("goal", 0.0, 1.0, REACHED, "goal reached")]
+    setup = demo_tool.prepare(["world:=generated:0"])
+    names = {"robot": "jackal", "world": "w", "method": "dwa", "simulator": "kinematic", "seed": 0}
+    headline = demo_tool._page(drive, setup, 0.0, names, spoiled)
+    assert headline.startswith("Reached the goal in 1.0 s, ")
+    assert headline.endswith(end)
 
 
 def test_a_failed_demo_says_how_to_ask_why():

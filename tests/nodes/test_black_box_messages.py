@@ -4,21 +4,25 @@ import io
 import json
 import subprocess
 import sys
+from unittest.mock import MagicMock
 
 import pytest
+import rosgraph
+import rospy
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.nodes.black_box.messages import deserialize
-from applr_ros1.nodes.black_box.node import marker_of, names_of, stop_message
+from applr_ros1.nodes.black_box.node import BlackBoxNode, marker_of, names_of, stop_message
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answer_process import job_of
 from applr_ros1.why.black_box.answering import StopAnswer
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, text_of
+from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.stops import RobotStop
 from tests.support import HANGS, ROOT
 from tests.support.raw_messages import raw_messages
@@ -85,6 +89,29 @@ def test_names_are_the_robots_unless_a_parameter_gives_them():
     assert names.odometry == "/wheels"
     assert (names.move_base, names.monitor) == ("/move_base", "/collision_monitor")
     assert given == {"odometry"}
+
+
+def test_parameters_of_another_node_are_a_problem_and_no_end(monkeypatch, tmp_path):
+    """The launch file would start the node again and again."""
+    master = MagicMock()
+    monkeypatch.setattr(rosgraph, "Master", lambda name: master)
+    plan_topic = "/move_base/NavfnROS/plan"
+    master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
+    master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
+    parameters = {"robot": "nobody"}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
+    for name in ("Publisher", "Subscriber", "Service"):
+        monkeypatch.setattr(rospy, name, MagicMock())
+    names, given = names_of({}, JACKAL)
+    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
+
+    node._search()
+    assert node._problem.startswith("/move_base: robot nobody: give ")
+    assert node._box is None
+    parameters["robot"] = "jackal"
+    node._search()
+    assert node._problem == ""
+    assert node._box is not None
 
 
 # The program of the process, on a robot without the packages of a desk

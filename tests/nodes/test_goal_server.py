@@ -13,11 +13,12 @@ from applr_ros1.nodes.move_base.goal_server import GoalServer
 
 @pytest.fixture
 def server(monkeypatch):
-    """Provide goal(id) and cancel(id), which send messages; statuses() of the goals by id; and
-    lines, the errors in the log.
+    """Provide goal(id) and cancel(id), which send messages; time(t) to set the clock [s];
+    statuses() of the goals by id; and lines, the errors in the log.
     """
     callbacks = {}
     lines = []
+    clock = [rospy.Time(100)]
 
     def subscribe(topic, kind, callback, **options):
         callbacks[topic] = callback
@@ -26,7 +27,7 @@ def server(monkeypatch):
         lines.append(line % arguments if arguments else line)
 
     rospy.rostime.set_rostime_initialized(True)
-    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(100))
+    monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "Publisher", MagicMock())
     monkeypatch.setattr(rospy, "Timer", MagicMock())
@@ -37,11 +38,14 @@ def server(monkeypatch):
     goals = GoalServer()
     goals.start()
 
-    def goal(goal_id):
-        callbacks["move_base/goal"](MoveBaseActionGoal(goal_id=GoalID(rospy.Time(100), goal_id)))
+    def time(seconds):
+        clock[0] = rospy.Time(seconds)
 
-    def cancel(goal_id):
-        callbacks["move_base/cancel"](GoalID(id=goal_id))
+    def goal(goal_id, stamp=100):
+        callbacks["move_base/goal"](MoveBaseActionGoal(goal_id=GoalID(rospy.Time(stamp), goal_id)))
+
+    def cancel(goal_id, stamp=0):
+        callbacks["move_base/cancel"](GoalID(rospy.Time(stamp), goal_id))
 
     def statuses():
         by_id = {}
@@ -49,7 +53,16 @@ def server(monkeypatch):
             by_id[tracker.status.goal_id.id] = tracker.status.status
         return by_id
 
-    return SimpleNamespace(goal=goal, cancel=cancel, statuses=statuses, lines=lines, goals=goals)
+    return SimpleNamespace(
+        goal=goal, cancel=cancel, time=time, statuses=statuses, lines=lines, goals=goals
+    )
+
+
+def finish(server):
+    """Accept the waiting goal, and end it."""
+    assert server.goals.is_new_goal_available()
+    server.goals.accept_new_goal()
+    server.goals.set_succeeded()
 
 
 def test_cancellations_that_come_before_their_goals_are_kept_and_log_nothing(server):
@@ -68,4 +81,29 @@ def test_cancellations_that_come_before_their_goals_are_kept_and_log_nothing(ser
     assert server.goals.is_new_goal_available()
     server.cancel("another goal")
     assert server.statuses()["another goal"] == GoalStatus.RECALLING
+    assert server.lines == []
+
+
+def test_a_goal_or_cancellation_stamped_far_ahead_cancels_no_later_goal(server):
+    """The clock of another computer may be ahead."""
+    server.goal("ahead", 1100)
+    finish(server)
+    server.time(101)
+    server.goal("next", 101)
+    finish(server)
+    server.cancel("", 1101)
+    server.time(102)
+    server.goal("last", 102)
+    finish(server)
+    assert server.lines == []
+
+
+def test_after_a_clock_jump_back_goals_are_accepted(server):
+    server.goal("before")
+    finish(server)
+    server.cancel("", 100)
+    server.time(5)
+    server.goals.forget_stamps()
+    server.goal("after", 5)
+    finish(server)
     assert server.lines == []

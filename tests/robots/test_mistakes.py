@@ -15,6 +15,7 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
+from applr_ros1.planner.parameters.layers import COSTMAPS as COSTMAP_NAMES
 from applr_ros1.robots import NAMES, load
 from applr_ros1.robots import folder as folders
 from applr_ros1.robots.check import check, crossed_limits, remarks
@@ -215,6 +216,31 @@ def test_turns_in_place_faster_than_the_fastest_turn_are_remarked(tmp_path):
     assert remark.correction == {"TrajectoryPlannerROS": {"min_in_place_vel_theta": 1.57}}
 
 
+def test_a_range_of_clearing_below_that_of_marking_is_remarked():
+    short = {"obstacles_layer": {"scan": {"obstacle_range": 2.5, "raytrace_range": 2.0}}}
+    (remark,) = remarks(load("jackal").with_parameters({"local_costmap": short}, "mine"))
+    assert remark.line == (
+        "local_costmap/obstacles_layer/scan/raytrace_range is 2, below obstacle_range (2.5): what "
+        "is marked beyond it is not cleared from there, raise it to 2.5"
+    )
+    assert remark.correction == {
+        "local_costmap": {"obstacles_layer": {"scan": {"raytrace_range": 2.5}}}
+    }
+
+
+def test_another_odometry_of_the_planner_than_of_the_monitor_is_remarked():
+    def lines_with(topic):
+        changes = {"DWAPlannerROS": {"odom_topic": topic}}
+        described = load("turtlebot3_burger").with_parameters(changes, "mine")
+        return [remark.line for remark in remarks(described)]
+
+    assert lines_with("/odom") == []
+    assert lines_with("wheels/odom") == [
+        "DWAPlannerROS/odom_topic is wheels/odom, but topics.odometry in robot.yaml, which the "
+        "collision monitor reads, is odom: give the same topic"
+    ]
+
+
 def test_the_correction_of_a_short_range_changes_no_other_laser_and_clears_no_less():
     def with_scan(**ranges):
         return {"obstacles_layer": {"scan": ranges}}
@@ -230,13 +256,13 @@ def test_the_correction_of_a_short_range_changes_no_other_laser_and_clears_no_le
     assert remark.correction == {"local_costmap": corrected}
 
 
-def test_a_slash_alone_makes_no_other_frame(tmp_path):
-    old = "robot_base_frame: base_footprint"
-    new = "robot_base_frame: /base_footprint"
-    described = folders.read(changed(tmp_path / "mine", "turtlebot3_burger", LOCAL, old, new))
-    (remark,) = remarks(described)
-    assert remark.line.startswith(
-        "local_costmap/robot_base_frame is /base_footprint: Noetic's tf2 refuses"
+@pytest.mark.parametrize("costmap", COSTMAP_NAMES)
+def test_a_slash_alone_makes_no_other_frame(costmap):
+    changes = {costmap: {"robot_base_frame": "/base_footprint"}}
+    (remark,) = remarks(load("turtlebot3_burger").with_parameters(changes, "mine"))
+    assert remark.line == (
+        f"{costmap}/robot_base_frame is /base_footprint: Noetic's tf2 refuses frames that begin "
+        "with a slash, give base_footprint"
     )
 
 

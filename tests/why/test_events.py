@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans, Verdicts
+from applr_ros1.monitor.monitor import BRAKING, REVERSING
+from applr_ros1.robots import JACKAL
 from applr_ros1.why import events, reasons
 from applr_ros1.why.diagnosis import give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
+from applr_ros1.why.outside import control_period
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -279,6 +282,18 @@ def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
     assert held((6.5, "stop", "a wall")) == ""
 
 
+def test_a_reversal_that_the_monitor_delays_is_a_reason_and_other_braking_is_none(stopped):
+    def held(since, reason):
+        """Return the reason if the monitor brakes the base from a time [s] on."""
+        verdicts = Verdicts(np.array([1.0, since]), ["pass", "brake"], ["", reason], [False, False])
+        return reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
+
+    # The stretch lasts from 3 to 6 s.
+    assert held(3.9, REVERSING).startswith("the collision monitor intervenes 70 % of the time: ")
+    assert held(5.4, REVERSING) == ""
+    assert held(3.9, BRAKING) == ""
+
+
 def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_backs_out(stopped):
     planned = stopped.planned
     # The planner drives forward in the first 0.4 s of each second, and backs out in the others.
@@ -352,3 +367,8 @@ def test_late_commands_are_a_reason(stopped):
     every_fourth = stopped.planned.part(slice(0, None, 4))
     late = replace(stopped, planned=every_fourth)
     assert reasons.late(stretch_of(late)) == "commands came every 0.20 s instead of every 0.05 s"
+
+
+def test_a_control_period_belongs_to_the_robot_whose_planner_drove(stopped):
+    assert control_period(stopped, JACKAL) == 0.05
+    assert control_period(replace(stopped, planners=["TebLocalPlannerROS"]), JACKAL) == 0.0

@@ -206,6 +206,12 @@ def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
         ("resolution", "5", "resolution is 5: give the edge of a cell"),
         ("occupied_thresh", "dark", "occupied_thresh is 'dark': give a number from 0 to 1"),
         ("free_thresh", ".nan", "free_thresh is nan: give a number from 0 to 1"),
+        ("occupied_thresh", 65, "occupied_thresh is 65: give a number from 0 to 1"),
+        (
+            "free_thresh",
+            0.9,
+            r"free_thresh is 0.9, above occupied_thresh \(0.65\): no cell .*lower",
+        ),
         ("negate", "white", "negate is 'white': give 0 or 1"),
         ("image", "''", "image is '': give the path of an image"),
         ("mode", "ternary", "mode is 'ternary': give trinary, scale or raw"),

@@ -9,6 +9,7 @@ import pytest
 
 import worlds
 from applr_ros1.common.paths import step_lengths
+from tests.support.refusals import refused
 from tests.support.scenes import moving, refused_world, sdf, write_world
 from worlds import dynabarn
 
@@ -57,6 +58,12 @@ def test_positions_over_time_equal_gazebos(tmp_path):
     # It stands after its last key frame, and begins again.
     assert mover.position(9.0) == (0.0, 8.0)
     assert mover.position(13.0) == pytest.approx(mover.position(3.0))
+
+
+@pytest.mark.parametrize("row", ["a,nan,1,0,0,0", "a,1,1,0,inf,0", "a,1,1,zero,0,0"])
+def test_a_row_with_anything_but_finite_numbers_is_refused(row, tmp_path):
+    table_file = table(tmp_path, row)
+    refused(lambda: dynabarn.read_table(str(table_file)), f"{table_file}: a row of a is '.*: give")
 
 
 def test_a_plugin_without_rows_in_the_table_is_refused(tmp_path):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Dict, TypeVar
 
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.drives.names import names_in
+from applr_ros1.drives.names import missing, names_in
 from applr_ros1.why.black_box.description import TOPIC, described_by
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER, is_other_planner
 from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
@@ -93,19 +93,21 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
     is_given = "robot" in options.model_fields_set
     with opened(path) as bag:
         # Topics that are options are not looked for.
-        names = names_in(bag.types, options.topics(), options.given_topics())
+        types = bag.types
+        names = names_in(types, options.topics(), options.given_topics())
         drive = with_planned(bag.drive(robot, names, CHANNELS))
         # The black box records all plans, so that none was found if its bag has none.
-        has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in bag.types
+        has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in types
         if is_other_planner(drive, robot):
             note = OTHER_PLANNER
         elif has_recorded_plans and not has_plan(drive):
             note = NO_PLAN
         else:
-            return recording_from(drive, names, bag.types, planner, robot, is_given)
+            return recording_from(drive, names, types, planner, robot, is_given)
     # Outside the block, whose errors would become others without the drive
     if drive.odometry is None:
-        raise BagError(f"{path}: there is no odometry")
+        problem = missing("odometry", names, types)
+        raise BagError(f"{path}: {note}; what else happened is seen in the odometry: {problem}")
     raise NotReplayedError(path, drive, drive.odometry, note)
 
 

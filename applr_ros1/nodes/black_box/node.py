@@ -137,7 +137,11 @@ class BlackBoxNode:
         self._problem = ""
         names = names_beside(move_base, types, names, self._given)
         if self._box is None or names != self._names_in_use:
-            self._begin(names)
+            try:
+                self._begin(names)
+            except ApplrError as problem:  # The parameters of another node are no reason to end.
+                self._problem = f"{names.move_base}: {problem}"
+                return
         for topic, source in sources_of(types, names, CHANNELS).items():
             if topic not in self._subscribers:
                 self._subscribers[topic] = self._subscribed(topic, source)

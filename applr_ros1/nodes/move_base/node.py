@@ -512,7 +512,7 @@ class MoveBaseNode:
         self.sensors.forget()
         self._frame_restart.forget()
         self._finish("aborted", WENT_BACK)
-        self.goals.forget_cancellations()
+        self.goals.forget_stamps()
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _clock_stalled(self) -> None:

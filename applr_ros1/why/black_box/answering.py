@@ -114,12 +114,14 @@ def answers_of(
         frame=drive.frame,
     )
     if drive.odometry is None:
-        yield replace(first_answer, reason="there is no odometry")
+        yield replace(
+            first_answer, reason=f"there is no odometry on {described_robot.topics.odometry}"
+        )
         return
     robot = described_robot.robot
     event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot).events)
     # A moment that is no event has no reason yet.
-    give_outside_reason(event, drive, control_period(robot))
+    give_outside_reason(event, drive, control_period(drive, robot))
     # The place stays in the frame of the odometry, which may not be that of the replay.
     x, y = event.place
     outside_answer = replace(_with_event(first_answer, event, begin), x=x, y=y)

@@ -100,7 +100,10 @@ def _scale(costmap: Dict[str, Any]) -> float:
     """Return the size of a robot relative to the Jackal, by the footprint of its costmap."""
     values = {parameter.name: parameter.default for parameter in COSTMAP}
     values.update(costmap)
+    try:
+        _, radius = footprint.radii(footprint.padded(values))
+    except (ApplrError, TypeError):  # C++ drives on with a footprint that it cannot read.
+        return 1.0
     jackal_costmap = JACKAL.all_parameters()["local_costmap"]
-    _, radius = footprint.radii(footprint.padded(values))
     _, jackal_radius = footprint.radii(footprint.padded(jackal_costmap))
     return radius / jackal_radius if radius > 0.0 else 1.0

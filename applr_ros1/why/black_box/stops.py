@@ -78,8 +78,9 @@ class StopDetector:
         """Take a message that the detector wants."""
         if message.key == "odometry":
             self._next_odometry = message.recording_time + round(THINNED_S * SECOND)
-            x, y, _ = message.rows[0]["pose"]
-            self._place = (x, y)
+            for row in message.rows:
+                x, y, _ = row["pose"]
+                self._place = (x, y)
         self._messages.append(message)
 
     def asked(self, now: float) -> RobotStop:
@@ -105,15 +106,7 @@ class StopDetector:
         begin_time = self._messages[0].recording_time
         begin = begin_time / SECOND
         drive = self._drive(begin_time)
-        if drive.odometry is None:
-            return []
-        motion = with_velocities(drive.odometry).motion
-        limits = limits_of(drive, motion, self._robot, self._start_values)._replace(end=now - begin)
-        stops = []
-        for event in events.find(drive, motion, limits):
-            if event.kind not in USUAL and event.seconds >= STOP_S:
-                stops.append(RobotStop(event.kind, event.begin, event.end, event.place))
-        stops += self._given_up(drive)
+        stops = [*self._events(drive, now - begin), *self._given_up(drive)]
         held = self._held(drive, now - begin)
         if held is not None:
             stops.append(held)
@@ -136,6 +129,19 @@ class StopDetector:
             rows = unpacked.setdefault(column_of(message.key), [])
             rows += [UnpackedRow(elapsed, row) for row in message.rows]
         return drive_of(unpacked, begin_time, self._robot)
+
+    def _events(self, drive: Drive, now: float) -> List[RobotStop]:
+        """Return the stops in the motion of a drive until `now` [s]."""
+        # Odometry that is silent may have left the view.
+        if drive.odometry is None:
+            return []
+        motion = with_velocities(drive.odometry).motion
+        limits = limits_of(drive, motion, self._robot, self._start_values)._replace(end=now)
+        stops = []
+        for event in events.find(drive, motion, limits):
+            if event.kind not in USUAL and event.seconds >= STOP_S:
+                stops.append(RobotStop(event.kind, event.begin, event.end, event.place))
+        return stops
 
     def _given_up(self, drive: Drive) -> List[RobotStop]:
         """Return the ends of goals that move_base gave up."""

@@ -422,6 +422,21 @@ def test_a_planner_that_is_not_replayed_is_said_at_once_and_no_robot_asked_for(
     assert str(refusal.value) == f"{bag_path}: {OTHER_PLANNER}"
 
 
+def test_of_such_a_planner_odometry_on_another_topic_is_named(driven, bag_path):
+    """The topics of a robot that was not given are those of the Jackal."""
+    drive = replace(until(driven, 1.0), planners=["TebLocalPlannerROS"])
+    write(bag_path, drive, topics=TopicNames(odometry="/odom"))
+    with pytest.raises(BagError) as refusal:
+        read_back(bag_path)
+    assert str(refusal.value) == (
+        f"{bag_path}: {OTHER_PLANNER}; what else happened is seen in the odometry: no messages on "
+        "/odometry/filtered: give --odometry; the bag has Odometry on /odom"
+    )
+    with pytest.raises(BagError) as refusal:
+        read_back(bag_path, odometry="/odom")
+    assert str(refusal.value) == f"{bag_path}: {OTHER_PLANNER}"
+
+
 # -- clocks ----------------------------------------------------------------------------------------
 def with_later_stamps(drive, **seconds):
     """Return a drive in which the messages of some columns are stamped so much later [s]."""

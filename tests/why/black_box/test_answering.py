@@ -101,6 +101,12 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
     assert silent_answer.reason.startswith("there was no scan for")
 
 
+def test_of_a_stop_without_odometry_its_topic_is_named(spoilt, tmp_path):
+    robot, drive = spoilt
+    (answer,) = answers(tmp_path / "drive.bag", robot, replace(drive, odometry=None))
+    assert answer.reason == "there is no odometry on /odometry/filtered"
+
+
 def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
     robot, drive = spoilt
     without_plans = replace(drive, plans=None, routes=None)

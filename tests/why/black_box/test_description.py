@@ -58,6 +58,11 @@ def test_of_a_robot_without_a_folder_frames_and_size_follow_from_the_parameters(
     assert unknown_robot(JACKAL.parameters()).world_scale == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("costmap", [{"footprint": "[[0.1,"}, {"robot_radius": "0.2 m"}])
+def test_a_footprint_that_cpp_cannot_read_either_is_no_size(costmap):
+    assert unknown_robot({"local_costmap": costmap}).world_scale == 1.0
+
+
 @pytest.mark.parametrize("text", ["", "5", "[1]", "{robot: 3}", '{"topics": 1, "robot": {}}'])
 def test_another_text_is_refused_in_one_line(text):
     with pytest.raises(ApplrError, match=r"stop\.bag"):

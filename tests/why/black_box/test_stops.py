@@ -170,6 +170,15 @@ def test_odometry_that_falls_silent_is_a_stop():
     assert stop.begin == pytest.approx(3.95, abs=0.1)
 
 
+def test_a_goal_that_is_given_up_long_after_the_odometry_fell_silent_is_a_stop():
+    messages = messages_of(drive_of(DRIVES * 10), ended="aborted")
+    silent = [m for m in messages if m.key != "odometry" or m.recording_time < at(1.0)]
+    after = [verdict(31.0, "pass")]  # Time goes on.
+    (_, unheard), (_, given_up) = stops_of(silent + after)
+    assert (unheard.kind, given_up.kind) == (events.UNHEARD, GAVE_UP)
+    assert given_up.begin == pytest.approx(29.95, abs=0.2)
+
+
 def test_odometry_without_velocities_is_measured_by_its_poses():
     drive = drive_of(DRIVES * 5)
     still = replace(drive.odometry, twist=np.zeros_like(drive.odometry.twist))
