@@ -157,8 +157,7 @@ class CollisionMonitor:
     def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
-        planes = stopping.half_planes(outline)
-        self._body = BodyOutline(planes, stopping.edge_points(outline), self.settings.margin)
+        self._body = BodyOutline.of(outline, self.settings.margin)
         self._braking = Braking(
             self.settings.deceleration,
             self.settings.yaw_deceleration,

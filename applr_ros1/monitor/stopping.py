@@ -30,6 +30,11 @@ LAST_DECELERATION_M_S2 = 0.6
 # Yaw swing of a base that brakes below LAST_SPEED_M_S [rad]: not exceeded in 98 of 100 simulated
 # stops.
 SWING_RAD = 0.15
+# WAYs of a base to respond to the commanded turn rate: at once, faster, as measured before, as
+# measured and without gaining speed, not at all
+AT_ONCE, FASTER, AS_BEFORE, LATE, NOT_AT_ALL = range(5)
+WAY_COUNT = 5
+NO_WAY = -1
 AS_MEASURED = -1.0  # value of `turn_share` for a base that continues to turn at its measured rate
 # Largest allowed increase of the depth of a point that starts inside the margin [m].
 DEEPER_M = 1e-3
@@ -44,11 +49,19 @@ class BodyOutline(NamedTuple):
 
     planes: (k, 3) half_planes() of its outline. edge: (n, 2) edge_points() of its outline [m].
     margin: distance by which the outline is widened where it must not touch obstacle points [m].
+    radius: distance of the farthest corner of the widened outline from the origin [m].
     """
 
     planes: Array
     edge: Array
     margin: float
+    radius: float
+
+    @classmethod
+    def of(cls, outline: Any, margin: float) -> "BodyOutline":
+        """Return an outline (n, 2) [m] that is widened by a margin [m]."""
+        planes = half_planes(outline)
+        return cls(planes, edge_points(outline), margin, widened_radius(outline, margin))
 
 
 class Braking(NamedTuple):
@@ -161,6 +174,20 @@ def half_planes(outline: Any) -> np.ndarray:
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
+def widened_radius(outline: Any, margin: float) -> float:
+    """Return the distance from the origin to the farthest corner of a widened outline [m].
+
+    The sides of its hull move outwards by the margin [m], so that sharp corners move farther.
+    """
+    corners = np.asarray(outline, dtype=np.float64)[scipy.spatial.ConvexHull(outline).vertices]
+    sides = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
+    normals_before = np.roll(normals, 1, axis=0)
+    cosines = np.einsum("ij,ij->i", normals, normals_before)
+    moved = corners + margin * (normals + normals_before) / (1.0 + cosines)[:, None]
+    return float(np.hypot(*moved.T).max())
+
+
 def edge_points(outline: Any) -> np.ndarray:
     """Return points (n, 2) [m] along the convex hull of an outline.
 
@@ -219,29 +246,38 @@ def safe_scale(
         if is_among_movers and not _is_free(check, 0.0, AS_MEASURED):
             # Even a base that brakes at once stands in the way of something: rather drive on.
             check = Check(obstacles, body, motion, command, delay, braking, seen, discs, False)
-        safe = _safe_scale(check)
+        if smallest.scale > 0.0:
+            safe = _safe_scale(check, smallest.scale)
+        else:
+            safe = SafeScale(scale=0.0, can_stop=_is_free(check, 0.0, AS_MEASURED))
         # If a base that brakes at once stops for one motion and not for another, the worse one
         # counts.
-        if safe.scale < smallest.scale or (safe.scale == smallest.scale and not safe.can_stop):
-            smallest = safe
+        smallest = SafeScale(safe.scale, smallest.can_stop and safe.can_stop)
     return smallest
 
 
 @kernel
-def _safe_scale(check: Check) -> SafeScale:
-    """Return the largest safe scale for one motion."""
-    if _is_free_every_way(check, 1.0):
-        return SafeScale(scale=1.0, can_stop=True)
+def _safe_scale(check: Check, largest: float) -> SafeScale:
+    """Return the largest safe scale for one motion, at most `largest`."""
+    way = _unsafe_way(check, largest, AT_ONCE)
+    if way == NO_WAY:
+        return SafeScale(scale=largest, can_stop=True)
     if not _is_free(check, 0.0, AS_MEASURED):
         return SafeScale(scale=0.0, can_stop=False)
     low = 0.0
     high = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free_every_way(check, middle):
+        if middle >= largest:
+            high = middle
+            continue
+        # The way that is unsafe at one scale is probably unsafe at the next one.
+        unsafe_way = _unsafe_way(check, middle, way)
+        if unsafe_way == NO_WAY:
             low = middle
         else:
             high = middle
+            way = unsafe_way
     return SafeScale(scale=low, can_stop=True)
 
 
@@ -293,25 +329,38 @@ def on_arc(v: float, command_v: float, command_w: float, previous_w: float) -> f
 
 
 @kernel
-def _is_free_every_way(check: Check, scale: float) -> bool:
-    """Return whether a command is collision-free for every possible response of the turn rate.
+def _unsafe_way(check: Check, scale: float, likely_way: int) -> int:
+    """Return a WAY of the base to respond to a command that is not collision-free, or NO_WAY.
 
     The base may turn as commanded at once, faster, still as measured, or not at all, and thus leave
-    the arc.
+    the arc. `likely_way` is tried first.
     """
     turn_gain = check.braking.turn_gain
-    if not _is_free(check, scale, 1.0):
-        return False
-    if turn_gain != 1.0 and not _is_free(check, scale, turn_gain):
-        return False
-    if not _is_free(check, scale, AS_MEASURED):
-        return False
-    # A base that gains speed late meets what moves at other places.
-    if check.discs.shape[0] > 0 and not _is_free(check, scale, AS_MEASURED, False):
-        return False
-    # Without a commanded turn, the base already goes straight on in the first case.
     _, command_w = check.command
-    return command_w == 0.0 or _is_free(check, scale, 0.0)
+    for number in range(WAY_COUNT):
+        way = (number + likely_way) % WAY_COUNT
+        turn_share = 1.0
+        gains_speed = True
+        if way == FASTER:
+            if turn_gain == 1.0:
+                continue
+            turn_share = turn_gain
+        elif way == AS_BEFORE:
+            turn_share = AS_MEASURED
+        elif way == LATE:
+            # A base that gains speed late meets what moves at other places.
+            if check.discs.shape[0] == 0:
+                continue
+            turn_share = AS_MEASURED
+            gains_speed = False
+        elif way == NOT_AT_ALL:
+            # Without a commanded turn, the base already goes straight on in the first way.
+            if command_w == 0.0:
+                continue
+            turn_share = 0.0
+        if not _is_free(check, scale, turn_share, gains_speed):
+            return way
+    return NO_WAY
 
 
 @kernel
@@ -340,6 +389,7 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
     x = 0.0
     y = 0.0
     yaw = 0.0
+    clear_way = 0.0  # length of the way on which the body comes to no point [m]
     place = BodyPose(x, y, 1.0, 0.0)
     while True:
         step = CHECK_STEP_S
@@ -381,8 +431,13 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
         yaw += w * step
         time += step
         place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
+        clear_way -= math.hypot(v, leftward) * step
+        if clear_way <= 0.0:
+            clear_way = _nearest(check.obstacles, x, y) - body.radius
         limits = check.obstacles.margin_limit
-        if _is_deeper(check.obstacles, limits, body.planes, body.margin, place):
+        if clear_way <= 0.0 and _is_deeper(
+            check.obstacles, limits, body.planes, body.margin, place
+        ):
             return False
         if not _is_seen(check.seen, body.edge, place):
             return False
@@ -408,6 +463,17 @@ def _followed_speed(v: float, target_v: float, largest_change: float) -> float:
     if abs(target_v) >= abs(v) and target_v * v >= 0.0:
         return target_v
     return min(max(target_v, v - largest_change), v + largest_change)
+
+
+@kernel
+def _nearest(obstacles: Obstacles, x: float, y: float) -> float:
+    """Return the distance from a place to the nearest obstacle point [m]."""
+    nearest_square = np.inf
+    for point in range(obstacles.x.shape[0]):
+        apart_x = obstacles.x[point] - x
+        apart_y = obstacles.y[point] - y
+        nearest_square = min(nearest_square, apart_x * apart_x + apart_y * apart_y)
+    return math.sqrt(nearest_square)
 
 
 @kernel

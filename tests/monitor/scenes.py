@@ -14,8 +14,6 @@ from applr_ros1.monitor.stopping import (
     BodyOutline,
     Braking,
     Delay,
-    edge_points,
-    half_planes,
     safe_scale,
 )
 from applr_ros1.robots import JACKAL
@@ -35,7 +33,7 @@ LASER = 0.12  # distance of the laser ahead of the robot's centre [m]
 TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}
 
 # Body of the Jackal with its margin, and distances of its front and its side from the centre [m].
-BODY = BodyOutline(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
+BODY = BodyOutline.of(SETTINGS.body, margin=0.03)
 FRONT = 0.229
 SIDE = 0.208
 

@@ -12,6 +12,7 @@ from applr_ros1.monitor.motion import PoseVelocity
 from applr_ros1.monitor.rays import beam_at
 from applr_ros1.monitor.stopping import (
     BaseMotion,
+    BodyOutline,
     BodyPose,
     Braking,
     SeenCells,
@@ -312,6 +313,28 @@ def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     corner_radius = math.hypot(FRONT, SIDE)
     largest_w = SETTINGS.creep_speed / corner_radius
     assert verdict.command == pytest.approx((0.0, largest_w))
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [
+        [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)],
+        [(0.9, 0.0), (-0.1, 0.1), (-0.1, -0.1)],  # Its widened tip is far ahead.
+    ],
+)
+def test_no_point_of_a_widened_outline_is_farther_than_its_radius(outline):
+    body = BodyOutline.of(outline, margin=0.05)
+
+    def has_points_at(distance):
+        for bearing in np.linspace(0.0, math.tau, 7200):
+            x = distance * math.cos(bearing)
+            y = distance * math.sin(bearing)
+            if penetration(body.planes, body.margin, x, y) > 0.0:
+                return True
+        return False
+
+    assert has_points_at(0.99 * body.radius)
+    assert not has_points_at(1.001 * body.radius)
 
 
 def test_points_in_the_body_are_those_of_the_scalar_computation():

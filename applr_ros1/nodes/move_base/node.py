@@ -358,9 +358,7 @@ class MoveBaseNode:
         if self._pose is None:
             problems.append(self.sensors.pose_trouble)
         if problems:
-            rospy.logwarn(
-                "move_base: check drivers and names of topics: %s", "; ".join(problems)
-            )
+            rospy.logwarn("move_base: check drivers and names of topics: %s", "; ".join(problems))
 
     def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
         """Publish what a cycle has changed, for displays.
