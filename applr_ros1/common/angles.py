@@ -115,3 +115,11 @@ def _beyond(coordinate: Any, half_size: float) -> Any:
     """Return by how much coordinates [m] exceed +-half_size [m], with their sign."""
     excess = np.maximum(np.abs(coordinate) - half_size, 0.0)
     return np.copysign(excess, coordinate)
+
+
+def within_speed(command: Twist, max_speed: float) -> Twist:
+    """Return a command (v [m/s], w [rad/s]) slowed along its arc to at most a speed [m/s]."""
+    v, w = command
+    if abs(v) <= max_speed:
+        return command
+    return math.copysign(max_speed, v), w * max_speed / abs(v)

@@ -4,30 +4,21 @@ import math
 import threading
 import time
 from types import SimpleNamespace
-from typing import Dict, NamedTuple
 from unittest.mock import MagicMock
 
 import pytest
 import rospy
 
+from applr_ros1.common.angles import within_speed
 from applr_ros1.monitor.monitor import Verdict
 from applr_ros1.nodes.monitor.node import CollisionMonitorNode
-from applr_ros1.nodes.move_base import node as node_module
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.node import MoveBaseNode
+from applr_ros1.nodes.move_base.reports import MoveBaseReports, off_the_map
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.state_machine import Cycle
-from tests.support.nodes import values_of
 
 NOW = rospy.Time(100)
-
-
-class Report(NamedTuple):
-    """Report on /diagnostics."""
-
-    level: int
-    message: str
-    values: Dict[str, str]
 
 
 @pytest.mark.parametrize(
@@ -41,19 +32,8 @@ class Report(NamedTuple):
     ],
 )
 def test_max_speed_bounds_commands_ahead_and_back_and_keeps_their_arcs(command, sent):
-    published = []
-
-    def publish(message):
-        published.append((message.linear.x, message.angular.z))
-
-    publisher = SimpleNamespace(publish=publish)
-    slow_node = SimpleNamespace(_command=publisher, _max_speed=0.4)
-    unlimited_node = SimpleNamespace(_command=publisher, _max_speed=math.inf)
-    MoveBaseNode._send(slow_node, *command)
-    MoveBaseNode._send(unlimited_node, *command)
-    limited_command, unlimited_command = published
-    assert limited_command == pytest.approx(sent)
-    assert unlimited_command == command
+    assert within_speed(command, 0.4) == pytest.approx(sent)
+    assert within_speed(command, math.inf) == command
 
 
 @pytest.mark.parametrize("pose", [None, (1.0, 2.0, 0.5)])
@@ -72,106 +52,71 @@ def test_feedback_has_the_pose_if_it_is_known(pose):
     assert feedback_positions == ([] if pose is None else [(1.0, 2.0)])
 
 
-def test_diagnostics_report_which_critics_refused_the_samples():
-    node = MagicMock()
-    refusals = {"samples": 3, "obstacle": 3}
+def test_refusals_of_the_first_blocked_cycle_are_kept_until_they_are_reported():
+    node = MagicMock(reports=MoveBaseReports(0.0))
     node._locate.return_value = (1.0, 2.0, 0.5), None
     node.move_base.step.return_value = Cycle(controlled=True)
     node.move_base.in_global_frame.side_effect = lambda pose: pose
-    node.move_base.local_planner.refusals.side_effect = [{}, refusals]
     node.watchdog.is_lost.return_value = False
-    node.sensors.ages.return_value = {}
-    node._refusals = {}
-    node._skipped_cycles = 0
-    node.loop.missed = 0
+    node.move_base.local_planner.refusals.side_effect = [{}, {"samples": 3}, {"samples": 4}]
+    for _ in range(3):
+        MoveBaseNode._cycle(node, NOW)
+    assert node.reports.refusals == {"samples": 3}
+    problems = []
+    for _ in range(2):
+        _, refused, _ = node.reports.statuses({}, "", skipped=0, frequency=20.0)
+        problems.append((refused.problem, refused.values))
+    assert problems == [("no legal command", {"samples": 3}), ("", {})]
 
-    def reported(cycles):
-        """Return the Report after some cycles."""
-        for _ in range(cycles):
-            MoveBaseNode._cycle(node, NOW)
-        node._report_from = 0.0  # A report is due.
-        node._diagnostics.publish.reset_mock()
-        MoveBaseNode._report(node, NOW)
-        status = node._diagnostics.publish.mock_calls[1].args[0].status[0]
-        return Report(status.level, status.message, values_of(status))
 
-    # The second of three cycles has refusals, which are kept until they are reported, and only so
-    # long.
-    assert reported(1) == (0, "", {})
-    assert reported(2) == (1, "no legal command", {"samples": "3", "obstacle": "3"})
-    assert reported(0) == (0, "", {})
+def test_a_report_is_due_each_second():
+    reports = MoveBaseReports(10.0)
+    due = [now for now in (10.0, 10.5, 10.99, 11.0, 11.5, 12.5) if reports.is_due(now)]
+    assert due == [10.0, 11.0, 12.5]
 
 
 def test_diagnostics_count_the_skipped_cycles_since_the_start():
-    node = MagicMock(_refusals={}, _skipped_cycles=0)
-    node.sensors.ages.return_value = {}
-    node.move_base.frequency = 20.0
-    reports = []
-    for missed_cycles in (0, 26, 0, 3):
-        node.loop.missed = missed_cycles
-        node._report_from = 0.0
-        node._diagnostics.publish.reset_mock()
-        MoveBaseNode._report(node, NOW)
-        status = node._diagnostics.publish.mock_calls[2].args[0].status[0]
-        reports.append((status.level, int(values_of(status)["skipped_cycles"])))
-    assert reports == [(0, 0), (1, 26), (0, 26), (1, 29)]
+    reports = MoveBaseReports(0.0)
+    told = []
+    for skipped in (0, 26, 0, 3):
+        *_, loop = reports.statuses({}, "", skipped, frequency=20.0)
+        told.append((loop.problem, loop.values["skipped_cycles"]))
+    line = "control loop missed its rate of 20 Hz: {} cycles skipped".format
+    assert told == [("", 0), (line(26), 26), ("", 26), (line(3), 29)]
 
 
 @pytest.mark.parametrize(
-    ("silent_topics", "pose", "expected"),
+    ("silent_topics", "pose_trouble", "expected"),
     [
-        ([], (1.0, 2.0, 0.5), []),
-        (["/scan", "/odom"], (1.0, 2.0, 0.5), ["no message has arrived on /scan, /odom"]),
-        ([], None, ["odom is unknown to tf"]),
+        ([], "", ""),
+        (["/scan", "/odom"], "", "no message has arrived on /scan, /odom"),
+        ([], "odom is unknown to tf", "odom is unknown to tf"),
+        (["/scan"], "no tf", "no message has arrived on /scan; no tf"),
     ],
 )
-def test_missing_inputs_are_warned_of_once_some_seconds_after_the_start(
-    silent_topics, pose, expected, monkeypatch
+def test_missing_inputs_are_named_once_some_seconds_after_the_start(
+    silent_topics, pose_trouble, expected
 ):
-    warnings = []
-    clock = [100.0]
-    monkeypatch.setattr(node_module.rospy, "logwarn", lambda _, problem: warnings.append(problem))
-    monkeypatch.setattr(node_module.time, "monotonic", lambda: clock[0])
-    node = MagicMock(_missing_from=105.0, _pose=pose)
-    node.sensors.silent_topics.return_value = silent_topics
-    node.sensors.pose_trouble = "odom is unknown to tf"
-    MoveBaseNode._warn_of_missing_inputs(node)
-    assert warnings == []
-    for seconds in (105.0, 106.0):
-        clock[0] = seconds
-        MoveBaseNode._warn_of_missing_inputs(node)
-    assert warnings == expected
+    reports = MoveBaseReports(100.0)
+    named = [reports.missing_inputs(now, silent_topics, pose_trouble) for now in (104, 105, 106)]
+    assert named == ["", expected, ""]
 
 
-@pytest.mark.parametrize(
-    ("goal", "pose", "is_warned_of"),
-    [
-        ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
-        ((6.0, 0.0, 0.0), (0.0, 0.0, 0.0), True),
-        ((6.0, 0.0, 0.0), None, False),
-    ],
-    ids=["on the map", "off the map", "map not placed yet"],
-)
-def test_a_goal_off_the_global_costmap_is_warned_of(goal, pose, is_warned_of, monkeypatch):
-    warnings = []
-    monkeypatch.setattr(node_module.rospy, "logwarn", lambda _, *values: warnings.append(values))
-    node = MagicMock(_pose=pose)
+@pytest.mark.parametrize(("x", "is_warned_of"), [(3.0, False), (6.0, True)])
+def test_a_goal_off_the_global_costmap_is_warned_of(x, is_warned_of):
     # A rolling costmap of 10 x 10 m around the robot
-    node.move_base.global_costmap = Costmap(10.0, 10.0, 0.1, (-5.0, -5.0), rolling=True)
-    MoveBaseNode._warn_of_goal_off_map(node, goal)
-    expected = [("10 x 10 m", "send a nearer goal, or enlarge the costmap")]
-    assert warnings == (expected if is_warned_of else [])
+    costmap = Costmap(10.0, 10.0, 0.1, (-5.0, -5.0), rolling=True)
+    warning = off_the_map(costmap, (x, 0.0, 0.0))
+    expected = (
+        "the goal is off the global costmap of 10 x 10 m: send a nearer goal, or enlarge the "
+        "costmap"
+    )
+    assert warning == (expected if is_warned_of else "")
 
 
-@pytest.mark.parametrize("problem", ["", "the odometry's velocity is 0"])
-def test_diagnostics_report_odometry_that_contradicts_the_pose(problem):
-    node = MagicMock(_report_from=0.0, _refusals={}, _skipped_cycles=0)
-    node.sensors.ages.return_value = {}
-    node.sensors.odometry_problem = problem
-    node.loop.missed = 0
-    MoveBaseNode._report(node, NOW)
-    status = node._diagnostics.publish.mock_calls[0].args[0].status[0]
-    assert (status.level, status.message) == (1 if problem else 0, problem)
+def test_diagnostics_report_odometry_that_contradicts_the_pose():
+    inputs, *_ = MoveBaseReports(0.0).statuses({"scan": 0.1}, "its velocity is 0", 0, 20.0)
+    assert (inputs.problem, inputs.values) == ("its velocity is 0", {"scan": 0.1})
 
 
 @pytest.mark.parametrize(

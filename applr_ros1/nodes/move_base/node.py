@@ -35,7 +35,7 @@ from std_msgs.msg import Bool, Header
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
-from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.angles import Pose, compose, within_speed
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
@@ -58,9 +58,9 @@ from .frame_restart import FrameRestart
 from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_settings
 from .reconfigure_server import ReconfigureServer
+from .reports import MoveBaseReports, off_the_map
 
 WENT_BACK = "Aborting because the clock jumped back."
-MISSING_S = 5.0  # wall time after the start from which inputs that never arrived are missing [s]
 
 
 class MoveBaseNode:
@@ -109,12 +109,7 @@ class MoveBaseNode:
             planner_values.get("odom_topic", odometry_topic),
             no_return,
         )
-        self._skipped_cycles = 0  # number of cycles skipped since the start
-        self._report_from = 0.0  # time.monotonic() from which the next report is due
-        # time.monotonic() from which missing inputs are warned of, once
-        self._missing_from = time.monotonic() + MISSING_S
-        # Samples refused by each critic in the first blocked cycle since the last report
-        self._refusals: Dict[str, int] = {}
+        self.reports = MoveBaseReports(time.monotonic())
         self._max_speed = parameters["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(parameters["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", TwistMessage, queue_size=1)
@@ -184,8 +179,8 @@ class MoveBaseNode:
         # The command leaves before anything is shown or logged.
         if cycle.command is not None:
             self._send(*cycle.command)
-        if cycle.controlled and not self._refusals:
-            self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
+        if cycle.controlled and not self.reports.refusals:
+            self.reports.refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
             outcome, result_text = cycle.result
             reason = f": {result_text}" if result_text else ""
@@ -260,7 +255,7 @@ class MoveBaseNode:
             try:
                 goal_pose = self._checked_goal(requested_goal)
                 self._set_goal(goal_pose, stamp, now)
-                self._warn_of_goal_off_map(goal_pose)
+                self._warn_of_far_goal(goal_pose)
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
 
@@ -297,16 +292,13 @@ class MoveBaseNode:
             raise MessageError(f"Aborting on goal because {problem}")
         return goal_pose
 
-    def _warn_of_goal_off_map(self, goal_pose: Pose) -> None:
-        """Warn of a goal off the global costmap, as in navfn_ros.cpp: no plan can lead there."""
-        costmap = self.move_base.global_costmap
+    def _warn_of_far_goal(self, goal_pose: Pose) -> None:
         # Without a pose, a costmap that rolls has not been placed yet.
-        if self._pose is None or costmap.world_to_map(*goal_pose[:2]) != (-1, -1):
+        if self._pose is None:
             return
-        columns, rows = costmap.size
-        map_size = f"{columns * costmap.resolution:g} x {rows * costmap.resolution:g} m"
-        remedy = "send a nearer goal, or enlarge the costmap"
-        rospy.logwarn("move_base: the goal is off the global costmap of %s: %s", map_size, remedy)
+        warning = off_the_map(self.move_base.global_costmap, goal_pose)
+        if warning:
+            rospy.logwarn("move_base: %s", warning)
 
     def _finish(self, outcome: str, text: str) -> None:
         """End the current goal, if there is one, as "succeeded", "aborted" or "preempted"."""
@@ -314,15 +306,11 @@ class MoveBaseNode:
             getattr(self.goals, f"set_{outcome}")(text=text)
 
     def _send(self, v: float, w: float) -> None:
-        """Publish a command, slowed along the same arc if its speed exceeds max_speed.
+        """Publish a command. This is the last guard of the limit, which the Pilot owns.
 
-        It is the last guard of the limit, which the Pilot owns (policy/pilot.py): parameters that
-        others set, or that the watchdog restores, may be faster.
+        Parameters that others set, or that the watchdog restores, may be faster (policy/pilot.py).
         """
-        if abs(v) > self._max_speed:
-            w = w * self._max_speed / abs(v)
-            v = math.copysign(self._max_speed, v)
-        self._command.publish(conversions.twist(v, w))
+        self._command.publish(conversions.twist(*within_speed((v, w), self._max_speed)))
 
     def _report_standstill(self, pose: Optional[Pose], cycle: Any) -> None:
         """Log why the robot stands although it has a goal, and publish a recovery that begins."""
@@ -341,24 +329,6 @@ class MoveBaseNode:
             rospy.logwarn("recovery %d of %d: %s", index + 1, recovery_count, recovery)
             stamped_pose = conversions.pose_stamped(self._pose, self.frame, rospy.Time.now())
             self._recovery.publish(RecoveryStatus(stamped_pose, index, recovery_count, recovery))
-
-    def _warn_of_missing_inputs(self) -> None:
-        """Warn once, MISSING_S after the start, of what the robot lacks to drive to a goal.
-
-        Drivers that are down, and topics of other names, would show only at the first goal.
-        """
-        if time.monotonic() < self._missing_from:
-            return
-        self._missing_from = math.inf
-        problems = []
-        # The node movers makes this topic of the scans.
-        topic_names = self.sensors.silent_topics(besides=PREDICTED)
-        if topic_names:
-            problems.append(f"no message has arrived on {', '.join(topic_names)}")
-        if self._pose is None:
-            problems.append(self.sensors.pose_trouble)
-        if problems:
-            rospy.logwarn("move_base: check drivers and names of topics: %s", "; ".join(problems))
 
     def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
         """Publish what a cycle has changed, for displays.
@@ -385,39 +355,28 @@ class MoveBaseNode:
 
     def _report(self, stamp: rospy.Time) -> None:
         """Report missed cycles, inputs, and refusals by critics, once per second."""
-        if time.monotonic() <= self._report_from:
+        now = time.monotonic()
+        if not self.reports.is_due(now):
             return
-        self._report_from = time.monotonic() + 1.0
-        self._warn_of_missing_inputs()
-        skipped_level = DiagnosticStatus.OK
-        skipped_text = ""
-        if self.loop.missed:
-            problem = f"control loop missed its rate of {self.move_base.frequency:g} Hz"
-            skipped_level = DiagnosticStatus.WARN
-            skipped_text = f"{problem}: {self.loop.missed} cycles skipped"
-            rospy.logwarn(skipped_text)
-            self._skipped_cycles += self.loop.missed
-            self.loop.missed = 0
-        skipped_cycles = {"skipped_cycles": self._skipped_cycles}
-        refusal_level = DiagnosticStatus.OK
-        refusal_text = ""
-        if self._refusals:
-            refusal_level = DiagnosticStatus.WARN
-            refusal_text = "no legal command"
-        odometry_level = DiagnosticStatus.OK
-        odometry_problem = self.sensors.odometry_problem
-        if odometry_problem:
-            odometry_level = DiagnosticStatus.WARN
-        statuses = (
-            ("ages of the inputs", odometry_level, odometry_problem, self.sensors.ages(stamp)),
-            ("samples that critics refused", refusal_level, refusal_text, self._refusals),
-            ("control loop", skipped_level, skipped_text, skipped_cycles),
+        sensors = self.sensors
+        # The node movers makes this topic of the scans.
+        silent_topics = sensors.silent_topics(besides=PREDICTED)
+        pose_trouble = sensors.pose_trouble if self._pose is None else ""
+        missing = self.reports.missing_inputs(now, silent_topics, pose_trouble)
+        if missing:
+            rospy.logwarn("move_base: check drivers and names of topics: %s", missing)
+        skipped = self.loop.missed
+        self.loop.missed = 0
+        statuses = self.reports.statuses(
+            sensors.ages(stamp), sensors.odometry_problem, skipped, self.move_base.frequency
         )
-        self._refusals = {}
+        if skipped:
+            rospy.logwarn(statuses[-1].problem)
         node_name = rospy.get_name().lstrip("/")
-        for subject, level, status_text, values in statuses:
+        for subject, problem, values in statuses:
+            level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
             status_name = f"{node_name}: {subject}"
-            message = conversions.diagnostics(status_name, level, status_text, values, stamp)
+            message = conversions.diagnostics(status_name, level, problem, values, stamp)
             self._diagnostics.publish(message)
 
     # -- requests ----------------------------------------------------------------------------------
