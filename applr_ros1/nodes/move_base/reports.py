@@ -30,7 +30,7 @@ class Status(NamedTuple):
 
 
 class MoveBaseReports:
-    """What has happened since the last report.
+    """Reports of what has happened since the last one.
 
     Args:
         now: Wall time at the start of the node [s].
