@@ -174,12 +174,19 @@ def half_planes(outline: Any) -> np.ndarray:
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
+def _hull(outline: Any) -> np.ndarray:
+    """Return the corners (n, 2) [m] of the hull of an outline, counterclockwise."""
+    points = np.asarray(outline, dtype=np.float64)
+    corners: np.ndarray = points[scipy.spatial.ConvexHull(points).vertices]
+    return corners
+
+
 def widened_radius(outline: Any, margin: float) -> float:
     """Return the distance from the origin to the farthest corner of a widened outline [m].
 
     The sides of its hull move outwards by the margin [m], so that sharp corners move farther.
     """
-    corners = np.asarray(outline, dtype=np.float64)[scipy.spatial.ConvexHull(outline).vertices]
+    corners = _hull(outline)
     sides = np.roll(corners, -1, axis=0) - corners
     normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
     normals_before = np.roll(normals, 1, axis=0)
@@ -193,7 +200,7 @@ def edge_points(outline: Any) -> np.ndarray:
 
     They are spaced closer than the cells of SeenSpace.
     """
-    corners = np.asarray(outline, dtype=np.float64)[scipy.spatial.ConvexHull(outline).vertices]
+    corners = _hull(outline)
     edges = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0)):
         count = 2 + int(np.hypot(*(end - start)) / CELL_M)
@@ -246,10 +253,7 @@ def safe_scale(
         if is_among_movers and not _is_free(check, 0.0, AS_MEASURED):
             # Even a base that brakes at once stands in the way of something: rather drive on.
             check = Check(obstacles, body, motion, command, delay, braking, seen, discs, False)
-        if smallest.scale > 0.0:
-            safe = _safe_scale(check, smallest.scale)
-        else:
-            safe = SafeScale(scale=0.0, can_stop=_is_free(check, 0.0, AS_MEASURED))
+        safe = _safe_scale(check, smallest.scale)
         # If a base that brakes at once stops for one motion and not for another, the worse one
         # counts.
         smallest = SafeScale(safe.scale, smallest.can_stop and safe.can_stop)
@@ -259,11 +263,14 @@ def safe_scale(
 @kernel
 def _safe_scale(check: Check, largest: float) -> SafeScale:
     """Return the largest safe scale for one motion, at most `largest`."""
-    way = _unsafe_way(check, largest, AT_ONCE)
-    if way == NO_WAY:
-        return SafeScale(scale=largest, can_stop=True)
-    if not _is_free(check, 0.0, AS_MEASURED):
-        return SafeScale(scale=0.0, can_stop=False)
+    way = AT_ONCE
+    if largest > 0.0:
+        way = _unsafe_way(check, largest, AT_ONCE)
+        if way == NO_WAY:
+            return SafeScale(scale=largest, can_stop=True)
+    can_stop = _is_free(check, 0.0, AS_MEASURED)
+    if largest == 0.0 or not can_stop:
+        return SafeScale(scale=0.0, can_stop=can_stop)
     low = 0.0
     high = 1.0
     for _ in range(HALVINGS):
