@@ -598,10 +598,7 @@ def _range_remarks(setup: _Setup) -> Iterator[Remark]:
         line = f"{source.path}/obstacle_range is {source.obstacle_range:g}: {problem}; {remedy}"
 
         # Another source may see farther, so that only this one is corrected.
-        correction: Dict[str, Any] = {}
-        section_path = section_in_files(setup.tree, source.path)
-        branch(correction, section_path, create=True).update(needed_values)
-        yield Remark(line, correction)
+        yield Remark(line, _correction(setup, source.path, needed_values))
 
 
 def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
@@ -613,14 +610,17 @@ def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
         comparison = f"below obstacle_range ({source.obstacle_range:g})"
         problem = "what is marked beyond it is not cleared from there"
         remedy = f"raise it to {source.obstacle_range:g}"
-        correction: Dict[str, Any] = {}
-        section_path = section_in_files(setup.tree, source.path)
-        section = branch(correction, section_path, create=True)
-        section["raytrace_range"] = source.obstacle_range
         label = f"{source.path}/raytrace_range"
-        yield Remark(
-            f"{label} is {clearing_range:g}, {comparison}: {problem}, {remedy}", correction
-        )
+        line = f"{label} is {clearing_range:g}, {comparison}: {problem}, {remedy}"
+        corrected_values = {"raytrace_range": source.obstacle_range}
+        yield Remark(line, _correction(setup, source.path, corrected_values))
+
+
+def _correction(setup: _Setup, path: str, values: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return the correction that sets values of a costmap's source at a path."""
+    correction: Dict[str, Any] = {}
+    branch(correction, section_in_files(setup.tree, path), create=True).update(values)
+    return correction
 
 
 def _odometry_remarks(setup: _Setup) -> Iterator[Remark]:

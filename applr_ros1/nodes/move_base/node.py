@@ -370,8 +370,9 @@ class MoveBaseNode:
         statuses = self.reports.statuses(
             sensors.ages(stamp), sensors.odometry_problem, skipped, self.move_base.frequency
         )
-        if skipped:
-            rospy.logwarn(statuses[-1].problem)
+        _, _, loop_status = statuses
+        if loop_status.problem:
+            rospy.logwarn(loop_status.problem)
         node_name = rospy.get_name().lstrip("/")
         for subject, problem, values in statuses:
             level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
