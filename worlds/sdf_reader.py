@@ -20,7 +20,7 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.common.files import reading
 
-from . import course, dynabarn
+from . import course_files, dynabarn
 from .dynabarn import Animation
 from .sdf import NAMESPACE, SHAPES, Shape, numbers, parse, pose_of
 from .world import Mover, World
@@ -62,11 +62,11 @@ def _world(path: str, points: Optional[Array]) -> World:
     movers = tuple(reader.movers)
     stored_course = element.find(f"{{{NAMESPACE}}}course")
     if points is not None:
-        world_course = course.along(points)
+        world_course = course_files.along(points)
     elif stored_course is not None:
-        world_course = course.from_element(stored_course)
+        world_course = course_files.from_element(stored_course)
     else:
-        world_course = course.beside(path, cylinders, movers)
+        world_course = course_files.beside(path, cylinders, movers)
 
     # Low boxes are obstacles, except for the floor slabs on which the robot stands at the start.
     x, y, _ = world_course.start

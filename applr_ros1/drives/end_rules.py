@@ -44,7 +44,7 @@ class Rules:
 
     Attributes:
         end_on_contact: Whether a contact ends the course, as under the BARN Challenge's protocol.
-        end_on_stall: Whether a stall (policy/stall_rule.py) ends the course as a failure.
+        end_on_stall: Whether a stall (policy/stuck.py) ends the course as a failure.
         ends_at_tolerance: Whether the course ends as soon as the robot is within the planner's goal
             tolerance, or only when the planner reports its goal as reached, after it has also
             turned to the goal's heading.

@@ -24,7 +24,7 @@ from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.policy.pilot import Pilot
-from applr_ros1.policy.stall_rule import Stall
+from applr_ros1.policy.stuck import Stall
 from applr_ros1.stack.simulated import CONTROL_PERIOD, SimulatedRobot, Tick
 from applr_ros1.stack.stack import Stack
 from worlds import World

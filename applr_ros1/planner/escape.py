@@ -8,7 +8,7 @@ all.
 
 The state machine asks an Escape for a motion in each cycle, and gets none without reports of a
 monitor or with planner fidelity "cpp-like". With a C++ move_base, the monitor itself runs an Escape
-(stack/stuck.py).
+(stack/command_chain.py).
 """
 
 from __future__ import annotations

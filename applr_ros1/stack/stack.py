@@ -22,7 +22,7 @@ from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from applr_ros1.stack.stuck import CommandChain, Progress, StalledPlanner
+from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner
 
 STANDING: Twist = (0.0, 0.0)
 

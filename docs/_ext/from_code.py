@@ -103,8 +103,8 @@ def comparison(prefix: str) -> str:
 
 def critics() -> str:
     """Return the table of the critics of DWAPlannerROS."""
-    from applr_ros1.planner.dwa.critics import rows
     from applr_ros1.planner.dwa.critics.critic import CriticRow
+    from applr_ros1.planner.dwa.critics.registry import rows
 
     return table(CriticRow._fields, rows())
 

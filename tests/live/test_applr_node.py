@@ -39,7 +39,7 @@ HURRIED = {  # constants of the node that are replaced for tests
     "applr_ros1.nodes.applr.meter_scoring.PATIENCE_S": 0.3,
     "applr_ros1.nodes.applr.reconfigure_client.MOST_SEARCHES": 3,
     # The fake robot stands: on a busy machine it would stall before a test ends.
-    "applr_ros1.policy.stall_rule.STALL_TIME_S": 3600.0,
+    "applr_ros1.policy.stuck.STALL_TIME_S": 3600.0,
 }
 # Servers of the inflation in both costmaps.
 LAYERS = ["/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer"]
@@ -531,7 +531,7 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
 def test_a_stalled_robot_leaves_its_constant_set_and_its_costmaps_are_cleared(
     robot, stack, monkeypatch
 ):
-    hurried_stalls = {**HURRIED, "applr_ros1.policy.stall_rule.STALL_TIME_S": 0.5}
+    hurried_stalls = {**HURRIED, "applr_ros1.policy.stuck.STALL_TIME_S": 0.5}
     node, client = stack("static", constants=hurried_stalls)
     tuned_set = SPACE.clip(methods.make("static").theta(None))
     is_in_force(client, tuned_set)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from applr_ros1.planner.dwa.critics import ALL
+from applr_ros1.planner.dwa.critics.registry import ALL
 from applr_ros1.planner.dwa.local_planner import (
     DRIVING,
     NO_PLAN,

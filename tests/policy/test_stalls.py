@@ -11,7 +11,8 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.methods import FixedParameters, Method
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall_rule import BACKING_OUT, Stall, StallRule, Stuck
+from applr_ros1.policy.stall_rule import BACKING_OUT, StallRule
+from applr_ros1.policy.stuck import Stall, Stuck
 from applr_ros1.robots import JACKAL, load
 from tests.support.contexts import AHEAD, BACK, scene
 

@@ -44,7 +44,7 @@ class ApplrEnv(gymnasium.Env):
         worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
             a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
-        end_on_stall: Whether a stall (policy/stall_rule.py) terminates the episode as a failure. It
+        end_on_stall: Whether a stall (policy/stuck.py) terminates the episode as a failure. It
             does not with stall_rule, which ends nearly every stall.
         stall_rule: Whether the stall rule replaces actions, as in the applr node. The action that
             was in force is info["action"].

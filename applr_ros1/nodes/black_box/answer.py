@@ -1,6 +1,6 @@
-"""Process that answers why the robot stopped: reads a stop and a bag, and prints a line an answer.
+"""Program that an AnswerProcess starts for each stop: reads its messages, prints a line an answer.
 
-The black box starts it for each stop. It needs no ROS master.
+It needs no ROS master.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
-from applr_ros1.stack.stuck import CommandChain, StalledPlanner
+from applr_ros1.stack.command_chain import CommandChain, StalledPlanner
 
 from .frame_broadcaster import FrameBroadcaster
 from .guard import Heartbeat, publish_zeros

@@ -1,1 +1,1 @@
-"""DWAPlannerROS of dwa_local_planner: sampled velocities, seven critics, stop and turn at goals."""
+"""DWAPlannerROS of dwa_local_planner: sampled velocities, critics, stop and turn at goals."""

@@ -15,9 +15,9 @@ from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, o
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, final_distance, place
 from applr_ros1.planner.dwa import samples
-from applr_ros1.planner.dwa.critics import lower_bound
 from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
 from applr_ros1.planner.dwa.critics.oscillation import is_barred
+from applr_ros1.planner.dwa.critics.registry import lower_bound
 from applr_ros1.planner.dwa.records import (
     FRONT,
     GOAL,

@@ -11,8 +11,8 @@ import numpy as np
 
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.dwa.critics import CRITICS, weights
 from applr_ros1.planner.dwa.critics.oscillation import clear, remember
+from applr_ros1.planner.dwa.critics.registry import CRITICS, weights
 from applr_ros1.planner.dwa.records import (
     FRONT,
     GOAL,
@@ -47,7 +47,7 @@ def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray
 
 
 class DWAPlanner(SamplingPlanner):
-    """DWA planner that samples velocities and scores them with seven critics.
+    """DWA planner that samples velocities and scores them with its critics.
 
     Args:
         params: values of the DWAPlannerROS server {name: value}.
@@ -105,7 +105,7 @@ class DWAPlanner(SamplingPlanner):
 
     @property
     def scales(self) -> List[float]:
-        """Weights of the seven critics in their order."""
+        """Weights of the critics in their order."""
         return [float(weight) for weight in weights(self._params[0])]
 
     def reset(self) -> None:

@@ -15,8 +15,9 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.distance_grid import place, reset, start_at, start_at_plan
 from applr_ros1.planner.dwa.bounds import fill_bounds, probe_sample
-from applr_ros1.planner.dwa.critics import lower_bound, oscillation
+from applr_ros1.planner.dwa.critics import oscillation
 from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
+from applr_ros1.planner.dwa.critics.registry import lower_bound
 from applr_ros1.planner.dwa.records import (
     ALIGNMENT,
     FRONT,

@@ -10,8 +10,8 @@ import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa import critics
-from applr_ros1.planner.dwa.critics import ALL
+from applr_ros1.planner.dwa.critics import registry
+from applr_ros1.planner.dwa.critics.registry import ALL
 from applr_ros1.planner.dwa.records import DWAGrids, DWAScene, DWAScratch
 from applr_ros1.planner.dwa.samples import commanded, roll_out, sample_axes, sample_of, step_count
 from applr_ros1.planner.sampling_planner import Record, Velocity
@@ -34,14 +34,14 @@ def total_cost(
 
     A critic that rejects the trajectory ends the summation, and its value is the cost. A sum above
     a positive `best_cost` also ends the summation, and the cost is this partial sum. The second
-    result is ALL if no critic ended the summation. points, velocity: see critics.value.
+    result is ALL if no critic ended the summation. points, velocity: see registry.value.
     """
     cost_sum = 0.0
-    critic_weights = critics.weights(p)
+    critic_weights = registry.weights(p)
     for critic in range(ALL):
         if critic_weights[critic] == 0:
             continue
-        critic_value = critics.value(p, state, scene, grids, points, velocity, critic)
+        critic_value = registry.value(p, state, scene, grids, points, velocity, critic)
         if critic_value < 0:
             return critic_value, critic
         # An infinite weight times zero would be NaN.
@@ -60,7 +60,7 @@ class Samples(NamedTuple):
     stored: Data  # velocity of the trajectory (m, 3)
     counts: Data  # number of points (m,), 0 if the generator rejects the sample
     ends: Data  # last point of the trajectory (m, 3)
-    critics: Data  # unweighted values of the critics (m, 7)
+    critics: Data  # unweighted values of the critics (m, ALL)
     costs: Data  # weighted sums (m,)
     shown: Data  # weighted sums (m,) in the search, which stops adding above the best cost so far
     ended: Data  # critic that ended this summation (m,), ALL if none did
@@ -105,7 +105,7 @@ def score_all_samples(
         roll_out(p, start, sample, points)
         last_points[i] = points[steps - 1]
         for critic in range(ALL):
-            critic_values[i, critic] = critics.value(
+            critic_values[i, critic] = registry.value(
                 p, state, scene, grids, points, velocity, critic
             )
         costs[i], _ = total_cost(p, state, scene, grids, points, velocity, -1.0)

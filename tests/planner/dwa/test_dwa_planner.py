@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
-from applr_ros1.planner.dwa import critics
-from applr_ros1.planner.dwa.critics import lower_bound
+from applr_ros1.planner.dwa.critics import registry
+from applr_ros1.planner.dwa.critics.registry import lower_bound
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.dwa.records import KNOWN
 from applr_ros1.planner.dwa.total_cost import NOTHING_LEGAL
@@ -100,9 +100,9 @@ def test_refusals_count_the_rejected_samples_by_critic():
 
 
 def test_each_file_of_a_critic_is_in_all_lists():
-    files = {path.stem for path in Path(critics.__file__).parent.glob("*.py")}
-    assert files - {"__init__", "critic", "distance"} == set(critics.CRITICS)
-    assert len(critics.rows()) == len(set(critics.rows())) == critics.ALL
+    files = {path.stem for path in Path(registry.__file__).parent.glob("*.py")}
+    assert files - {"__init__", "critic", "distance", "registry"} == set(registry.CRITICS)
+    assert len(registry.rows()) == len(set(registry.rows())) == registry.ALL
 
 
 def test_a_lower_bound_has_the_weights_of_the_cost():
@@ -113,8 +113,8 @@ def test_a_lower_bound_has_the_weights_of_the_cost():
     planner.find_best_path(costmap, [(0, 0), (1, 0.3)], ORIGIN, (0.1, 0, 0.2))
     samples = planner.score_all_samples()
     number = int(np.argmax(samples.costs))
-    values = dict(zip(critics.CRITICS, samples.critics[number]))
-    assert min(values[name] for name in critics.CRITICS if name != "oscillation") > 0
+    values = dict(zip(registry.CRITICS, samples.critics[number]))
+    assert min(values[name] for name in registry.CRITICS if name != "oscillation") > 0
     known = np.zeros(1, KNOWN)[0]
     known["front"] = values["goal_front"]
     for name in ("alignment", "path", "goal", "obstacle"):

@@ -1,18 +1,8 @@
-"""Stuck: who finds that the robot is stuck, and what is done about it, in this order.
+"""Chain in which a command of the planner is changed: escape motions, then the collision monitor.
 
-1. Commands do not pass: for half a second the collision monitor blocks nearly all of each command,
-   or for two seconds the planner finds none. Then an Escape (planner/escape.py) makes small
-   motions. This package's planner has it in its state machine. A planner without one, such as the
-   C++ move_base, is watched from outside by a StalledPlanner.
-2. The planner has no plan or no command for its patience, oscillates, or all escape motions have
-   failed: the recoveries of C++ (planner/recovery.py), in the same state machine.
-3. The robot stays at its place or in a dead end for seconds, whatever it is commanded: Stuck
-   (policy/stall_rule.py). StallRule then clears the costmaps and replaces the method's parameters.
-4. In training, a Stall (policy/stall_rule.py) of the true position may end the course
-   (drives/end_rules.py).
-
-The first two act on single commands, in each control cycle, the others on decisions. Simulated
-drives (stack.py) and the collision monitor's node (nodes/monitor/node.py) share these classes.
+A planner that makes no escape motions itself, such as the C++ move_base, is watched from outside by
+a StalledPlanner. policy/stuck.py says who else finds that the robot is stuck. Simulated drives
+(stack.py) and the collision monitor's node (nodes/monitor/node.py) share these classes.
 """
 
 from __future__ import annotations

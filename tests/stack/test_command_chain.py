@@ -6,7 +6,7 @@ import pytest
 
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor, Verdict
 from applr_ros1.planner.escape import MOTIONS, TRIES
-from applr_ros1.stack.stuck import CommandChain, Progress, StalledPlanner
+from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner
 from tests.monitor.scenes import AT_REST, HERE, scan_of, verdict_on, wall
 
 # Commands of the planner (v, w) [m/s, rad/s].
