@@ -69,6 +69,12 @@ def test_path_equals_the_generated_message(count):
     assert written(conversions.path(poses, frame, STAMP)) == written(message)
 
 
+def test_a_command_has_a_forward_speed_and_a_turn_rate_only():
+    message = conversions.twist(0.5, -0.3)
+    assert message.linear == Vector3(0.5, 0.0, 0.0)
+    assert message.angular == Vector3(0.0, 0.0, -0.3)
+
+
 @pytest.mark.parametrize(
     ("quaternion", "upright"),
     [

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 from tests.support import ROOT
+from training.common import provenance
 
 
 def test_the_commit_is_found_through_a_catkin_workspaces_link(tmp_path):
@@ -27,3 +28,18 @@ def test_the_commit_is_found_through_a_catkin_workspaces_link(tmp_path):
         return finished.stdout.strip()
 
     assert commit(tmp_path / "applr_ros1") == commit(ROOT)
+
+
+def test_the_hash_of_the_sources_changes_with_text_and_name(tmp_path, monkeypatch):
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    for package_name in provenance.OURS:
+        (tmp_path / package_name).mkdir()
+    source_file = tmp_path / "training" / "one.py"
+    hashes = set()
+    for text in ("A = 1", "A = 2"):
+        source_file.write_text(text)
+        hashes.add(provenance.source_hash())
+        hashes.add(provenance.source_hash())
+    source_file.rename(source_file.with_name("two.py"))
+    hashes.add(provenance.source_hash())
+    assert len(hashes) == 3
