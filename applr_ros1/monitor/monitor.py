@@ -24,7 +24,6 @@ from applr_ros1.monitor.moving import (
     Discs,
     gaps_in,
     hidden_discs,
-    lost_discs,
     tracked_discs,
     without_movers,
 )
@@ -457,8 +456,6 @@ class CollisionMonitor:
             if len(movers.x):
                 acceleration = settings.mover_acceleration
                 discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
-            if len(laser.movers.lost.id):
-                discs.append(lost_discs(laser.movers, self._body.planes, pose, stamp))
             if len(laser.gaps):
                 discs.append(hidden_discs(laser.gaps, pose, age, settings.mover_speed))
         return np.concatenate(discs) if discs else NO_DISCS

@@ -10,7 +10,7 @@ time.
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple, Union
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from applr_ros1.common.angles import Pose, inverse, transform_motions, transform
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
-from applr_ros1.movers.tracker import NO_MOVERS, Movers, MoverTracker
+from applr_ros1.movers.tracker import Movers, MoverTracker
 
 # Standard deviations of a tracked position by which its disc is larger. Half of the filter's
 # deviation, 0.08 m/s, is more than the median error that was measured for the Jackal.
@@ -27,9 +27,6 @@ DEVIATIONS = 0.5
 # in full view have 0.16 to 0.26 m/s. Static clusters that are seen in parts, and seem to move for a
 # moment, have more.
 CERTAIN_M_S = 0.28
-# Time for which an obstacle that is no longer tracked counts [s]. While two of them pass each other
-# closely, the tracker sees a single one, which stands, and then has to find out what moves.
-LOST_S = 1.0
 ON_MOVER_M = 0.2  # distance from a tracked disc within which a range ends on it [m]
 # Time after a stop for which the base should stand out of the way of what moves, and step of the
 # check
@@ -81,9 +78,6 @@ class CertainTracks:
 
     Attributes:
         latest: those in the latest scan.
-        lost: those that ended within LOST_S and are not tracked again, as they were in their last
-            scan.
-        lost_stamps: stamps (n,) of these scans [s].
     """
 
     def __init__(self, tracker: MoverTracker):
@@ -94,41 +88,23 @@ class CertainTracks:
         """Forget all tracks."""
         self._tracker.reset()
         self.latest = self._tracker.movers
-        self.lost = NO_MOVERS
-        self.lost_stamps = np.empty(0)
-        self._stamp = -math.inf  # stamp of the latest scan [s]
 
     def update(self, scan: LaserScan) -> Movers:
         """Follow the tracks in a scan, and return those that are certain."""
-        before = self.latest
         movers = self._tracker.update(scan)
-        if len(movers.id):
-            is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
-            is_certain |= (movers.id[:, None] == before.id).any(axis=1)
-            if not is_certain.all():
-                movers = movers.only(is_certain)
+        if not len(movers.id):
+            self.latest = movers
+            return movers
+        is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
+        is_certain |= (movers.id[:, None] == self.latest.id).any(axis=1)
+        if not is_certain.all():
+            movers = Movers(*(values[is_certain] for values in movers))
         self.latest = movers
-        if len(before.id) or len(self.lost.id):
-            self._lose(before, scan.stamp)
-        self._stamp = scan.stamp
         return movers
-
-    def _lose(self, before: Movers, stamp: float) -> None:
-        """Take over the tracks that have ended, and let go of those that are tracked or too old."""
-        latest = self.latest
-        has_ended = (before.id[:, None] != latest.id).all(axis=1)
-        ended = before.only(has_ended)
-        lost = Movers(*map(np.concatenate, zip(self.lost, ended)))
-        stamps = np.append(self.lost_stamps, np.full(len(ended.id), self._stamp))
-        distances = np.hypot(lost.x[:, None] - latest.x, lost.y[:, None] - latest.y)
-        is_tracked = (distances < lost.radius[:, None] + latest.radius).any(axis=1)
-        is_lost = ~is_tracked & (stamp - stamps < LOST_S)
-        self.lost = lost.only(is_lost)
-        self.lost_stamps = stamps[is_lost]
 
 
 def tracked_discs(
-    movers: Movers, planes: Array, robot_pose: Pose, age: Union[float, Array], acceleration: float
+    movers: Movers, planes: Array, robot_pose: Pose, age: float, acceleration: float
 ) -> Discs:
     """Return the DISCs (n,) of tracked obstacles.
 
@@ -137,7 +113,7 @@ def tracked_discs(
         planes: (k, 3) half planes of the robot's outline. What the laser sees in the middle of it
             is a part of the robot, and has no disc.
         robot_pose: Pose (x, y, yaw) of the robot.
-        age: Time from the scan of the tracked obstacles to this pose [s], or times (n,).
+        age: Time from the scan of the tracked obstacles to this pose [s].
         acceleration: Largest change of their velocities [m/s^2].
     """
     motions = np.column_stack([movers.x, movers.y, movers.vx, movers.vy])
@@ -150,22 +126,6 @@ def tracked_discs(
     discs[:, -1] = age
     depths = planes[:, 2] - discs[:, :2] @ planes[:, :2].T
     return discs.view(DISC)[depths.min(axis=1) < 0.0, 0]
-
-
-def lost_discs(tracks: CertainTracks, planes: Array, robot_pose: Pose, stamp: float) -> Discs:
-    """Return the DISCs (n,) of lost tracks: an obstacle may turn in any direction at its speed.
-
-    Args:
-        tracks: Tracks in the frame of the pose.
-        planes: See tracked_discs.
-        robot_pose: Pose (x, y, yaw) of the robot.
-        stamp: Stamp of the pose [s].
-    """
-    discs = tracked_discs(tracks.lost, planes, robot_pose, stamp - tracks.lost_stamps, 0.0)
-    discs["growth"] = np.hypot(discs["vx"], discs["vy"])
-    for name in ("vx", "vy", "pp", "pv", "vv"):
-        discs[name] = 0.0
-    return discs
 
 
 def without_movers(scan: LaserScan, movers: Movers) -> LaserScan:

@@ -42,10 +42,6 @@ class Movers(NamedTuple):
     radius: np.ndarray
     covariance: np.ndarray
 
-    def only(self, is_kept: np.ndarray) -> Movers:
-        """Return those of which `is_kept` (n,) is true."""
-        return Movers(*(values[is_kept] for values in self))
-
 
 _NONE = np.empty(0)
 NO_MOVERS = Movers(np.empty(0, np.int64), _NONE, _NONE, _NONE, _NONE, _NONE, np.empty((0, 3)))
