@@ -559,6 +559,15 @@ def test_a_constant_pose_with_nonzero_velocity_is_a_stop(twist, steps, action):
     assert ("frozen" in verdict.reason) == (action == STOP)
 
 
+def test_a_pose_that_is_late_is_not_frozen():
+    monitor = seen_all_around([(9.0, 0.0)])
+    for step in range(9):
+        time = 0.05 * step
+        monitor.add_scan(scan_of([(9.0, 0.0)], (time, 0.0, 0.0), time))
+        verdict = monitor.filter(time, HERE, STRAIGHT_ON, (0.5, 0.1), (time, 0.0))
+        assert "frozen" not in verdict.reason
+
+
 def test_space_between_widely_spaced_beams_is_unknown():
     """Nine beams have no return."""
     monitor = CollisionMonitor()

@@ -35,6 +35,18 @@ def test_the_door_is_wider_than_the_padded_footprint_by_30_cm():
     assert door_course.name == "drive through a door of 0.53 m"
 
 
+def test_the_box_lies_halfway_and_is_half_as_long_as_the_robot():
+    _, _, box_course, _ = courses(JACKAL)
+    ((x, y, yaw, length, width),) = box_course.boxes
+    _, goal_y, _ = box_course.course.goal
+    assert (x, y, yaw) == (0.0, goal_y / 2, 0.0)
+    # Half of 0.42 m, and of the padding on both sides
+    robot_length = (
+        JACKAL.body.size[0] + 2 * JACKAL.all_parameters()["local_costmap"]["footprint_padding"]
+    )
+    assert length == width == pytest.approx(robot_length / 2, abs=0.02)
+
+
 def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
     robot_yaml = folder / "robot.yaml"
