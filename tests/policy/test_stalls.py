@@ -217,6 +217,16 @@ def test_without_a_plan_it_backs_out():
     assert is_backing_out(theta)
 
 
+def test_a_robot_without_a_plan_does_not_stand_in_a_dead_end():
+    """It goes on backing out, for which it has up to 8 s, although it has not moved yet."""
+    rule = StallRule(JACKAL)
+    chosen = []
+    for time in range(8 + 8):
+        context = replace(scene(float(time)), plan=np.zeros((0, 2)))
+        chosen.append(rule.instead(SET, context, SPACE.theta0))
+    assert all(map(is_backing_out, chosen[8:]))
+
+
 def test_each_stall_begins_with_backing_out():
     rule = StallRule(JACKAL)
     # From 16 s on, it would drive.

@@ -28,7 +28,14 @@ from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, _pla
 from training.why.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
 from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
-from training.why.logbook_words import advice, by_day, by_parameter, by_reason, lines_of
+from training.why.logbook_words import (
+    advice,
+    by_day,
+    by_parameter,
+    by_reason,
+    how_sure,
+    lines_of,
+)
 from training.why.recorded import BagAnswerOptions
 from training.why.whole_drives import Arrival, DrivenCourse, try_out
 from training.workers.calls import CallFailed, CallLost
@@ -223,6 +230,20 @@ def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day(
     assert [len(group.stops) for group in by_day(book.stops)] == [2, 1]
     assert advice(book, None) == ["No parameter helps in 1 stop: there was no scan for 3.2 s (1)."]
     assert lines_of(book, None)[0].startswith("3 stops in 2 drives cost 25 s, from 2023-11-1")
+
+
+def test_drives_of_which_few_commands_are_reproduced_are_counted():
+    good = logged_bag(stop_at(0.0), commands=2000, reproduced=1990)
+    poor = logged_bag(stop_at(0.0), name="b.bag", commands=1000, reproduced=799)
+    not_replayed = logged_bag(stop_at(0.0), name="c.bag")
+    assert (
+        how_sure(book_of(good, not_replayed), None) == "1,990 of 2,000 commands reproduced (99.5%)."
+    )
+    assert how_sure(book_of(good, poor), None) == (
+        "2,789 of 3,000 commands reproduced (93.0%); "
+        "few in 1 drive, whose planner's reasons are not to be trusted."
+    )
+    assert how_sure(book_of(not_replayed), None) == "No drive was replayed."
 
 
 # -- the change for the worst stops
