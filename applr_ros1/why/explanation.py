@@ -21,7 +21,7 @@ SAMPLES = 12  # number of samples in a table
 # A part of the robot stays beside it in this share of the scans, at so many headings or more.
 CARRIED = 0.9
 HEADINGS = 5
-TURNED = 0.2  # least difference of these headings [rad]
+TURNED = 0.3  # least difference of these headings [rad]
 BESIDE_M = 0.3  # how far beyond the circumscribed circle it may lie [m, for the Jackal]
 
 # What weighs against faster samples: the parameter, and the words, by the planner's name for this

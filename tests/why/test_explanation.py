@@ -91,6 +91,15 @@ def test_a_point_beside_a_robot_that_drives_straight_on_is_no_part_of_it():
     assert part_of_robot(replace(replay, cycles=straight_cycles)) is None
 
 
+def test_a_point_beside_a_robot_that_turns_by_a_radian_is_no_part_of_it():
+    """In a narrow place something is beside it at each heading."""
+    replay = driven_with_post(0.5, 0.0)
+    first_yaw = replay.cycles[0].pose[2]
+    turned_cycles = [cycle for cycle in replay.cycles if abs(cycle.pose[2] - first_yaw) < 1.1]
+    assert max(abs(cycle.pose[2] - first_yaw) for cycle in turned_cycles) > 1.0
+    assert part_of_robot(replace(replay, cycles=turned_cycles)) is None
+
+
 def test_a_point_beside_a_robot_that_turns_to_and_fro_is_no_part_of_it():
     """It comes back to two headings, at which the same wall is seen each time."""
     replay = driven_with_post(0.5, 0.0)

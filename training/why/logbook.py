@@ -20,6 +20,10 @@ from training.workers.pool import Pool
 
 DATED_S = 946_684_800.0  # 2000: an earlier clock is that of a simulation [s]
 OVERLAP = 0.5  # share of the shorter of two stops from which on both are one stop in two bags
+# Median distance of the places of two simulated drives at the same times up to which they are one
+# [m]. Places between those of a track may differ by a centimetre.
+ONE_DRIVE_M = 0.02
+FEWEST_PLACES = 10  # number of places in both bags below which nothing is known
 CELL_M = 0.2  # edge of the cells by which odometry frames are compared [m]
 ALIKE = 0.5  # share of the cells in the part that both drives saw from which on their frames agree
 FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
@@ -266,11 +270,27 @@ def _is_same(stop: LoggedStop, other: LoggedStop) -> bool:
     """Return whether two stops of different bags are the same one."""
     if stop.bag is other.bag or stop.bag.answer.robot != other.bag.answer.robot:
         return False
-    # Simulated drives begin at the same time.
-    if not (stop.is_dated and other.is_dated):
-        return False
     overlap = min(stop.end, other.end) - max(stop.begin, other.begin)
-    return overlap > OVERLAP * min(stop.end - stop.begin, other.end - other.begin)
+    if overlap <= OVERLAP * min(stop.end - stop.begin, other.end - other.begin):
+        return False
+    # Simulated drives begin at the same time.
+    is_dated = stop.is_dated and other.is_dated
+    return is_dated or _is_one_drive(stop.bag.answer, other.bag.answer)
+
+
+def _is_one_drive(answer: BagAnswer, other: BagAnswer) -> bool:
+    """Return whether two bags have the same drive, as far as both have it."""
+    track = np.array(answer.track)
+    other_track = np.array(other.track)
+    times = answer.begin + track[:, 0]
+    other_times = other.begin + other_track[:, 0]
+    in_both = (times >= other_times[0]) & (times <= other_times[-1])
+    if in_both.sum() < FEWEST_PLACES:
+        return False
+    other_x = np.interp(times[in_both], other_times, other_track[:, 1])
+    other_y = np.interp(times[in_both], other_times, other_track[:, 2])
+    distances = np.hypot(track[in_both, 1] - other_x, track[in_both, 2] - other_y)
+    return bool(np.median(distances) <= ONE_DRIVE_M)
 
 
 def places_of(stops: Sequence[LoggedStop]) -> List[StopPlace]:

@@ -33,6 +33,7 @@ from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 
+NO_STOP = "it has not stopped"  # what is said if somebody asks too early
 # Returns a message as an object.
 Deserialize = Callable[[Publication, bytes], Any]
 
@@ -120,6 +121,9 @@ def answers_of(
         return
     robot = described_robot.robot
     event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot).events)
+    if event.kind == SAVED:
+        yield replace(first_answer, note=NO_STOP)
+        return
     # A moment that is no event has no reason yet.
     give_outside_reason(event, drive, control_period(drive, robot))
     # The place stays in the frame of the odometry, which may not be that of the replay.

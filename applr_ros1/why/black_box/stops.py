@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Deque, Dict, List, NamedTuple, Optional, Tuple
 
@@ -67,7 +68,10 @@ class StopDetector:
         self._holding: Dict[Tuple[str, str], Received] = {}
         self._next_odometry = 0  # time from which on the next odometry message is taken [ns]
         self._place = (0.0, 0.0)
+        self._goal = ""  # identifier of the latest goal
+        self._goal_began = -np.inf  # time of its first message [s]
         self._known_until = -np.inf  # time until which a stop that was found has lasted [s]
+        self._last_stop: Optional[RobotStop] = None
 
     def wants(self, key: str, time: int) -> bool:
         """Return whether a message of a topic of COLUMNS that came at a time [ns] is looked at."""
@@ -81,7 +85,15 @@ class StopDetector:
             for row in message.rows:
                 x, y, _ = row["pose"]
                 self._place = (x, y)
+        if message.key == "goals":
+            self._take_goal(message)
         self._messages.append(message)
+
+    def _take_goal(self, message: Received) -> None:
+        goal = message.rows[-1]["running"]
+        if goal and goal != self._goal:
+            self._goal = goal
+            self._goal_began = message.recording_time / SECOND
 
     def asked(self, now: float) -> RobotStop:
         """Return the stop that somebody asks to save at a time [s]."""
@@ -91,12 +103,28 @@ class StopDetector:
         """Return the stop that began a while before `now` [s], or None. Each is returned once."""
         new_stop = None
         for stop in self._stops(now):
-            is_new = stop.begin > self._known_until
+            is_new = self._is_new(stop)
             if is_new and new_stop is None:
                 new_stop = stop
             if not is_new or stop is new_stop:
                 self._known_until = max(self._known_until, stop.end + PAUSE_S)
+        if new_stop is not None:
+            self._last_stop = new_stop
         return new_stop
+
+    def _is_new(self, stop: RobotStop) -> bool:
+        """Return whether a stop was not found yet."""
+        last_stop = self._last_stop
+        if stop.begin > self._known_until or last_stop is None:
+            return True
+        # A robot that was told to go on may still stand there.
+        if last_stop.end < self._goal_began:
+            shortest = 0.0 if stop.kind == GAVE_UP else STOP_S
+            return stop.end - self._goal_began >= shortest
+        # One in trouble may go from one stop to another without a pause.
+        is_elsewhere = math.dist(stop.place, last_stop.place) > self._robot.body.size[0]
+        has_left_view = stop.begin > last_stop.begin + VIEW_S
+        return stop.kind != last_stop.kind and is_elsewhere and has_left_view
 
     def _stops(self, now: float) -> List[RobotStop]:
         """Return the stops in view, in order of time."""

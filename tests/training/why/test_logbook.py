@@ -232,6 +232,20 @@ def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day(
     assert lines_of(book, None)[0].startswith("3 stops in 2 drives cost 25 s, from 2023-11-1")
 
 
+def test_a_stop_in_two_bags_of_a_simulation_is_one_if_their_tracks_agree():
+    def bag_from(begin, y=0.0):
+        """Return a bag of the minute from a time of the simulation on, with a stop at 80 s."""
+        elapsed = np.arange(0.0, 60.0, 0.5)
+        track = [[time, np.sin(0.1 * (begin + time)), y] for time in elapsed.tolist()]
+        stop = stop_at(0.0, begin=80.0 - begin, end=90.0 - begin)
+        return logged_bag(stop, name=f"{begin}.bag", begin=begin, track=track)
+
+    first = bag_from(35.0)
+    assert len(stops_of([first, bag_from(50.3)])) == 1
+    assert len(stops_of([first, bag_from(50.3, y=0.03)])) == 2
+    assert len(stops_of([first, bag_from(79.0)])) == 1
+
+
 def test_drives_of_which_few_commands_are_reproduced_are_counted():
     good = logged_bag(stop_at(0.0), commands=2000, reproduced=1990)
     poor = logged_bag(stop_at(0.0), name="b.bag", commands=1000, reproduced=799)

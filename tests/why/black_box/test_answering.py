@@ -134,6 +134,14 @@ def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path)
     assert answer.kind == "crept"
 
 
+def test_somebody_who_asks_to_save_before_any_stop_is_told_so(spoilt, tmp_path):
+    robot, drive = spoilt
+    no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
+    stop = RobotStop(SAVED, BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
+    (answer,) = answers(tmp_path / "saved.bag", robot, no_event, stop)
+    assert str(answer) == "the robot was asked to save at (0.50, 0.25) (it has not stopped)"
+
+
 def test_messages_without_a_description_are_refused(spoilt, tmp_path):
     _, drive = spoilt
     messages = raw_messages(tmp_path / "drive.bag", drive)

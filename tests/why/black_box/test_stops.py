@@ -25,13 +25,15 @@ def at(seconds):
     return round((BEGIN_S + seconds) * SECOND)
 
 
-def messages_of(drive, has_goal=True, ended=""):
+def messages_of(drive, has_goal=True, ended="", next_goal_at=np.inf, pause=0.0):
     """Return the messages of a drive, in order of time.
 
     Args:
         drive: The drive.
         has_goal: Whether move_base has a goal.
         ended: How the goal ended at the end of the drive.
+        next_goal_at: Time from which on move_base has another goal [s].
+        pause: Time without a goal before then [s].
     """
     messages = []
     odometry = drive.odometry
@@ -41,6 +43,10 @@ def messages_of(drive, has_goal=True, ended=""):
     last_time = float(odometry.time[-1])
     for time in np.arange(0.0, last_time, 0.2):
         running = "one" if has_goal else ""
+        if time >= next_goal_at:
+            running = "another"
+        elif time >= next_goal_at - pause:
+            running = ""
         messages.append(Received(at(time), "goals", [{"running": running}]))
     if ended:
         messages.append(Received(at(last_time), "results", [{"id": "one", "status": ended}]))
@@ -98,6 +104,42 @@ def test_stops_at_two_places_are_two():
     stops = [stop for _, stop in stops_of(messages_of(drive))]
     assert [stop.begin for stop in stops] == pytest.approx([3.0, 15.0], abs=0.1)
     assert [stop.place[0] for stop in stops] == pytest.approx([1.5, 4.5], abs=0.05)
+
+
+def test_a_robot_that_stops_in_another_way_and_elsewhere_without_a_pause_stops_again():
+    def kinds(*twists):
+        """Return the kinds of the stops of a robot that drives for three seconds before."""
+        drive = drive_of(sum(twists, DRIVES))
+        return [stop.kind for _, stop in stops_of(messages_of(drive))]
+
+    # It creeps for 3 m, and then goes to and fro.
+    creeps = [(0.1, 0.0)] * 600
+    assert kinds(creeps, FRO * 2) == ["crept", "went to and fro"]
+    # Within the view, or within the robot's length, it is the same stop.
+    assert len(kinds(creeps[:100], FRO)) == 1
+    assert len(kinds(STANDS * 10, FRO)) == 1
+    # Creeping on is the same stop, however far.
+    assert len(kinds(creeps * 3)) == 1
+
+
+def test_a_robot_that_stands_with_a_new_goal_stops_again():
+    stands = drive_of(DRIVES + STANDS * 10)
+    for pause in (0.0, 2.0):
+        messages = messages_of(stands, next_goal_at=18.0, pause=pause)
+        assert [found_at for found_at, _ in stops_of(messages)] == pytest.approx(
+            [8.0, 23.2], abs=0.5
+        )
+    # If the new goal is given up, too, this is known.
+    messages = messages_of(stands, next_goal_at=30.0, ended="aborted") + [verdict(34.0, "pass")]
+    assert [stop.kind for _, stop in stops_of(messages)] == ["stood", GAVE_UP]
+
+
+def test_an_application_that_sends_its_goal_each_second_stops_the_robot_once():
+    messages = messages_of(drive_of(DRIVES + STANDS * 10))
+    for message in messages:
+        if message.key == "goals":
+            message.rows[0]["running"] = str(message.recording_time // SECOND)
+    assert len(stops_of(messages)) == 1
 
 
 def test_a_stop_that_lasts_minutes_is_one():
