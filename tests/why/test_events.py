@@ -52,6 +52,17 @@ SEEN = {
 }
 
 
+def test_a_moment_has_the_place_of_the_latest_pose():
+    drive = drive_of(DRIVES)
+    limits = DriveLimits(speed=TOP, turn=TURN, tolerance=0.25, scale=1.0, end=drive.end)
+    odometry = drive.odometry
+    for moment in (0.0, 1.02):
+        event = events.around(moment, odometry, limits)
+        latest_pose = odometry.pose[odometry.time <= moment][-1]
+        assert event.place == tuple(latest_pose[:2])
+        assert (event.begin, event.end) == (moment - events.AROUND_S, moment + events.AROUND_S)
+
+
 @pytest.mark.parametrize("kind", SEEN)
 def test_each_kind_of_event_is_seen_in_the_measured_motion_with_begin_and_end(kind):
     drive = drive_of(DRIVES + SEEN[kind] + DRIVES)

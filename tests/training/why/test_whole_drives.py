@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
@@ -200,6 +201,15 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
     assert candidate.names == [name]
     # The candidate must be valid, too: move_base starts with it.
     MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
+
+
+def test_the_outline_of_the_body_takes_the_place_of_a_larger_footprint():
+    robot = with_changes(BURGER, FAULTS["footprint"], "burger with a fault")
+    candidate, *_ = file_candidates(robot)
+    assert str(candidate) == "footprint -> the outline of the body, 0.14 x 0.18 m"
+    for change in candidate.changes:
+        corners = np.array(yaml.safe_load(change.after))
+        assert np.ptp(corners, axis=0) == pytest.approx((0.14, 0.18), abs=0.005)
 
 
 def test_half_of_an_inflation_that_is_too_wide_is_tried():
