@@ -4,6 +4,7 @@ tests/why/black_box tests its rules without processes; this file tests the topic
 """
 
 import time
+from pathlib import Path
 
 import actionlib
 import pytest
@@ -49,6 +50,21 @@ class Box:
     def bags(self):
         """Paths of the written bags."""
         return sorted(self.folder.glob("stop_*.bag"))
+
+
+def arenas_of(pid):
+    """Return the number of further arenas of a process: 64 MiB of memory, in part in use."""
+    arena_bytes = 64 * 2**20
+    spans = []
+    for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
+        addresses, permissions, *_ = line.split()
+        begin, end = (int(address, 16) for address in addresses.split("-"))
+        spans.append((begin, end, permissions))
+    count = 0
+    for (begin, middle, used), (next_begin, end, spare) in zip(spans, spans[1:]):
+        is_whole = begin % arena_bytes == 0 and end - begin == arena_bytes
+        count += is_whole and middle == next_begin and (used, spare) == ("rw-p", "---p")
+    return count
 
 
 def test_a_stop_is_answered_and_written(tmp_path):
@@ -97,6 +113,8 @@ def test_a_stop_is_answered_and_written(tmp_path):
     assert str(box.bags[1]) in saved.message
     wait_for(lambda: int(box.diagnostics["stops"]) == 2, "diagnostics")
     assert box.diagnostics["last_stop"].startswith("the robot ")
+    # Each further one would keep what was freed in it, up to 250 MB after seven stops.
+    assert arenas_of(box.node.pid) == 0
     client.cancel_goal()
     assert box.node.end() == 0, box.node.text
     assert "Traceback" not in box.node.text, box.node.text

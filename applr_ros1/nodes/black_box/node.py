@@ -13,9 +13,11 @@ its plans), ~scan_topic, ~odom_topic, ~cmd_vel_topic (auto), ~minutes (2; at mos
 
 from __future__ import annotations
 
+import ctypes
 import math
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Dict, Optional, Set, Tuple
@@ -59,6 +61,7 @@ MOST_MINUTES = 10.0  # longest time that can be kept [min]
 NO_ROBOT = "none"  # value of ~robot of a robot without a description
 FOUND = "auto"  # value of a topic's parameter that is found
 TEXT_M = 0.15  # height of the letters in RViz [m]
+M_ARENA_MAX = -8  # option of glibc's mallopt (malloc.h): largest number of arenas
 ANSWER = [sys.executable, "-m", "applr_ros1.nodes.black_box.answer"]
 
 
@@ -313,12 +316,23 @@ def names_of(parameters: Dict[str, Any], robot: Robot) -> Tuple[TopicNames, Set[
     return TopicNames(**names), given
 
 
+def _share_memory() -> None:
+    """Let all threads share one arena of glibc's malloc.
+
+    Each arena keeps what was freed in it. With one for each thread, the node had 250 instead of 130
+    MB after seven stops in six minutes.
+    """
+    with suppress(AttributeError):  # another C library
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
+
+
 def main() -> int:
     """Run the node.
 
     Raises:
         ApplrError: A parameter is invalid.
     """
+    _share_memory()
     init_node("black_box")
     parameters = rospy.get_param("~", {})
     described: Optional[Robot] = None
