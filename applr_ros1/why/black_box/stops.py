@@ -27,6 +27,9 @@ STOP_S = 5.0  # duration from which on an event is a stop [s]
 HELD_S = 3.0  # time for which the collision monitor holds a robot that stops [s]
 THINNED_S = 0.1  # interval between the odometry messages that are looked at [s]
 STATUS_S = 1.0  # longest time between two statuses of move_base [s]
+# Time for which stops at one place are told once [s]: as long as a bag, which has them all if an
+# application repeats its goal
+AGAIN_S = 120.0
 PAUSE_S = 1.0  # time after a stop in which another one belongs to it [s]
 GAVE_UP = "gave up its goal"
 HELD = "was held by the collision monitor"
@@ -115,16 +118,22 @@ class StopDetector:
     def _is_new(self, stop: RobotStop) -> bool:
         """Return whether a stop was not found yet."""
         last_stop = self._last_stop
-        if stop.begin > self._known_until or last_stop is None:
+        if last_stop is None:
+            return True
+        is_here = math.dist(stop.place, last_stop.place) <= self._robot.body.size[0]
+        # The end of a goal is told although the robot stood before.
+        is_told = stop.kind == last_stop.kind or stop.kind != GAVE_UP
+        if is_here and is_told and stop.end < last_stop.begin + AGAIN_S:
+            return False
+        if stop.begin > self._known_until:
             return True
         # A robot that was told to go on may still stand there.
         if last_stop.end < self._goal_began:
             shortest = 0.0 if stop.kind == GAVE_UP else STOP_S
             return stop.end - self._goal_began >= shortest
         # One in trouble may go from one stop to another without a pause.
-        is_elsewhere = math.dist(stop.place, last_stop.place) > self._robot.body.size[0]
         has_left_view = stop.begin > last_stop.begin + VIEW_S
-        return stop.kind != last_stop.kind and is_elsewhere and has_left_view
+        return not is_here and stop.kind != last_stop.kind and has_left_view
 
     def _stops(self, now: float) -> List[RobotStop]:
         """Return the stops in view, in order of time."""

@@ -122,15 +122,23 @@ def test_a_robot_that_stops_in_another_way_and_elsewhere_without_a_pause_stops_a
     assert len(kinds(creeps * 3)) == 1
 
 
-def test_a_robot_that_stands_with_a_new_goal_stops_again():
-    stands = drive_of(DRIVES + STANDS * 10)
+def test_a_robot_that_stands_with_a_new_goal_stops_again_after_two_minutes():
+    stands = drive_of(DRIVES + STANDS * 60)
+    assert len(stops_of(messages_of(stands))) == 1
     for pause in (0.0, 2.0):
-        messages = messages_of(stands, next_goal_at=18.0, pause=pause)
-        assert [found_at for found_at, _ in stops_of(messages)] == pytest.approx(
-            [8.0, 23.2], abs=0.5
-        )
+        late_messages = messages_of(stands, next_goal_at=150.0, pause=pause)
+        found_times = [found_at for found_at, _ in stops_of(late_messages)]
+        assert found_times == pytest.approx([8.0, 155.2], abs=0.5)
+        assert len(stops_of(messages_of(stands, next_goal_at=100.0, pause=pause))) == 2
+        early_messages = messages_of(drive_of(DRIVES + STANDS * 35), next_goal_at=90.0, pause=pause)
+        assert len(stops_of(early_messages)) == 1
+        # Turning there is no other stop.
+        turns = drive_of(DRIVES + STANDS * 15 + TURNS * 15)
+        assert len(stops_of(messages_of(turns, next_goal_at=48.0, pause=pause))) == 1
     # If the new goal is given up, too, this is known.
-    messages = messages_of(stands, next_goal_at=30.0, ended="aborted") + [verdict(34.0, "pass")]
+    messages = messages_of(stands, next_goal_at=150.0, ended="aborted") + [verdict(184.0, "pass")]
+    assert [stop.kind for _, stop in stops_of(messages)] == ["stood", "stood"]
+    messages = messages_of(stands, next_goal_at=180.0, ended="aborted") + [verdict(184.0, "pass")]
     assert [stop.kind for _, stop in stops_of(messages)] == ["stood", GAVE_UP]
 
 
