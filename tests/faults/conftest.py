@@ -7,7 +7,6 @@ import pytest
 
 from tests.support.ros import LONGEST, session
 
-
 # Speed up to which a robot that brakes before a wall may touch it [m/s]: 1 of 128 does, at 0.07 m/s
 # (docs/explanation/collision_monitor.md, "Measured").
 SLIDES_ON = 0.1
