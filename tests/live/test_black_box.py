@@ -84,7 +84,7 @@ def test_a_stop_is_answered_and_written(tmp_path):
     jackal.scans = False
     box.node.until("the robot stood at")
     found_at = time.time()
-    box.node.until(lambda: box.answers)
+    box.node.until(lambda: box.answers and box.markers)
     answered_at, answer = box.answers[-1]
     assert answered_at - found_at < LATEST_S
     assert answer.kind == "stood"
