@@ -140,8 +140,7 @@ def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path)
     assert answer.kind == "crept"
     assert answer.reason.startswith("no faster way is sampled than 0.1"), answer
     assert answer.parameter == "TrajectoryPlannerROS/vx_samples"
-    # On a busy machine, scans come late and the replay takes others.
-    assert answer.reproduced > 0.6, answer
+    assert answer.reproduced > 0.8, answer
     client.cancel_goal()
     assert box.node.end() == 0, box.node.text
     jackal.close()

@@ -55,6 +55,9 @@ class RobotStop(NamedTuple):
 class StopDetector:
     """Watches a growing drive, and finds each stop once.
 
+    A stop that goes on is found again after AGAIN_S if the robot has got another goal, or as soon
+    as it stops in another way elsewhere.
+
     Args:
         robot: Robot that drives, with the parameters of its planner.
     """
@@ -121,9 +124,9 @@ class StopDetector:
         if last_stop is None:
             return True
         is_here = math.dist(stop.place, last_stop.place) <= self._robot.body.size[0]
-        # The end of a goal is told although the robot stood before.
-        is_told = stop.kind == last_stop.kind or stop.kind != GAVE_UP
-        if is_here and is_told and stop.end < last_stop.begin + AGAIN_S:
+        # The end of a goal is another stop, although the robot stood there before.
+        is_alike = stop.kind == last_stop.kind or stop.kind != GAVE_UP
+        if is_here and is_alike and stop.end < last_stop.begin + AGAIN_S:
             return False
         if stop.begin > self._known_until:
             return True
