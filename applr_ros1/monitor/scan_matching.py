@@ -270,7 +270,7 @@ class ScanMatcher:
         if self._poses_up_to is not self._references[-1]:
             self._poses_up_to = self._references[-1]
             self._poses = np.array(list(map(_pose_of, self._references)))
-        index: int = _nearest(self._poses, pose)
+        index: int = nearest_pose(self._poses, pose)
         return index
 
 
@@ -330,7 +330,7 @@ def _is_valid(match: ScanMatch, guess: Pose) -> bool:
 
 
 @kernel
-def _nearest(poses: Array, pose: Pose) -> int:
+def nearest_pose(poses: Array, pose: Pose) -> int:
     """Return the row of poses (n, 3) that is nearest to a pose, by distance [m] plus angle."""
     x, y, yaw = pose
     smallest = np.inf
@@ -431,7 +431,7 @@ def _match(
             lever_y = sin_yaw * forward + cos_yaw * leftward
             point_x = x + lever_x
             point_y = y + lever_y
-            beam = _beam_near(surface, angle_min, increment, point_x, point_y, points[i, 2])
+            beam = beam_near(surface, angle_min, increment, point_x, point_y, points[i, 2])
             points[i, 2] = beam
             line_index = int(math.floor(beam))
             is_outside = line_index < 0 or line_index + 1 >= surface.shape[0]
@@ -559,7 +559,7 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
 
 
 @kernel
-def _beam_near(
+def beam_near(
     surface: Array, angle_min: float, increment: float, x: float, y: float, start: float
 ) -> float:
     """Return the fractional index of the beam towards the point x, y [m] in the scanner's frame.

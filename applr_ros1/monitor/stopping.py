@@ -136,7 +136,7 @@ class Obstacles(NamedTuple):
 
     All are arrays (n,) of contiguous memory, for vector instructions. x, y: positions [m].
     margin_limit, outline_limit: largest allowed depth in the widened body and in the outline [m].
-    forward, leftward, depth: scratch memory of _is_deeper.
+    forward, leftward, depth: scratch memory of is_deeper.
     """
 
     x: Array
@@ -240,7 +240,7 @@ def safe_scale(
         seen: observed space, or EVERYTHING.
         discs: (k,) DISCs of what moves.
     """
-    obstacles = _obstacles(points, body)
+    obstacles = obstacles_of(points, body)
     smallest = SafeScale(scale=1.0, can_stop=True)
     for number in range(motions.shape[0]):
         motion = BaseMotion(
@@ -289,7 +289,7 @@ def _safe_scale(check: Check, largest: float) -> SafeScale:
 
 
 @kernel
-def _obstacles(points: Array, body: BodyOutline) -> Obstacles:
+def obstacles_of(points: Array, body: BodyOutline) -> Obstacles:
     """Return the Obstacles of points (n, 2) [m].
 
     A point that is inside the body may not get deeper.
@@ -442,11 +442,9 @@ def _is_free(check: Check, scale: float, turn_share: float, gains_speed: bool = 
         if clear_way <= 0.0:
             clear_way = _nearest(check.obstacles, x, y) - body.radius
         limits = check.obstacles.margin_limit
-        if clear_way <= 0.0 and _is_deeper(
-            check.obstacles, limits, body.planes, body.margin, place
-        ):
+        if clear_way <= 0.0 and is_deeper(check.obstacles, limits, body.planes, body.margin, place):
             return False
-        if not _is_seen(check.seen, body.edge, place):
+        if not is_seen(check.seen, body.edge, place):
             return False
         if may_meet(check.discs, body.planes, body.edge, body.margin, place, time):
             return False
@@ -484,7 +482,7 @@ def _nearest(obstacles: Obstacles, x: float, y: float) -> float:
 
 
 @kernel
-def _is_deeper(
+def is_deeper(
     obstacles: Obstacles, limits: Array, planes: Array, margin: float, place: BodyPose
 ) -> bool:
     """Return whether any point's penetration() is above its limit (n,) with the body at `place`.
@@ -536,13 +534,13 @@ def _may_swing(
         swung_x = centre_x - turn_ahead * cos_yaw
         swung_y = centre_y - turn_ahead * sin_yaw
         place = BodyPose(swung_x, swung_y, cos_yaw, sin_yaw)
-        if _is_deeper(obstacles, obstacles.outline_limit, planes, 0.0, place):
+        if is_deeper(obstacles, obstacles.outline_limit, planes, 0.0, place):
             return False
     return True
 
 
 @kernel
-def _is_seen(seen: SeenCells, edge: Array, place: BodyPose) -> bool:
+def is_seen(seen: SeenCells, edge: Array, place: BodyPose) -> bool:
     """Return whether the body's whole edge lies in observed cells with the body at `place`."""
     side_cells = seen.cells.shape[0]
     if side_cells == 0:
@@ -588,4 +586,4 @@ def _is_seen_beyond(seen: SeenCells, edge: Array, pose: Pose, v: float, w: float
     x += v * time * math.cos(yaw + 0.5 * w * time)
     y += v * time * math.sin(yaw + 0.5 * w * time)
     yaw += w * time
-    return _is_seen(seen, edge, BodyPose(x, y, math.cos(yaw), math.sin(yaw)))
+    return is_seen(seen, edge, BodyPose(x, y, math.cos(yaw), math.sin(yaw)))

@@ -288,7 +288,7 @@ def test_the_headline_of_a_demo_says_what_a_busy_machine_has_spoiled(spoiled, en
     drive.goals = [Goal("goal", 0.0, 1.0, REACHED, "goal reached")]
     setup = demo_tool.prepare(["world:=generated:0"])
     names = {"robot": "jackal", "world": "w", "method": "dwa", "simulator": "kinematic", "seed": 0}
-    headline = demo_tool._page(drive, setup, 0.0, names, spoiled)
+    headline = demo_tool.headline_page(drive, setup, 0.0, names, spoiled)
     assert headline.startswith("Reached the goal in 1.0 s, ")
     assert headline.endswith(end)
 

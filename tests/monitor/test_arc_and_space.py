@@ -351,6 +351,37 @@ def test_space_is_observed_within_the_range_of_scanner_and_memory(range_max, rad
     assert verdict_on(monitor, 1.5).action == SLOW
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("beyond", "rows_forgotten"), [(-1, 4), (0, 3), (1, 2), (2, 1), (3, 0)])
+@pytest.mark.parametrize("is_high", [False, True])
+def test_a_forgotten_point_at_the_edge_of_the_window_leaves_the_other_edge(
+    axis, beyond, rows_forgotten, is_high
+):
+    """The window's cells are stored modulo its side, so both edges lie side by side."""
+    # Given: a window of observed space that is not at the origin
+    space = SeenSpace(1.0)
+    space.stand(np.zeros((0, 3)), 0.0, (1.0, -2.0, 0.0))
+    space.cells[:] = 1
+    side_cells = len(space.cells)
+
+    # When: a point is forgotten, some cells (`beyond`) inside or outside one edge
+    cell = space.corner + side_cells // 2
+    edge_cell = space.corner[axis] + side_cells - 1 if is_high else space.corner[axis]
+    cell[axis] = edge_cell + (beyond if is_high else -beyond)
+    space.forget(CELL_M * (cell[np.newaxis] + 0.5))
+
+    # Then: cells within .1 m of the point that lie in the window are unknown, no others
+    unknown = np.argwhere(space.cells == 0)
+    expected = []
+    for offset in range(rows_forgotten):
+        edge_slot = (edge_cell - offset if is_high else edge_cell + offset) % side_cells
+        for beside in range(-2, 3):
+            slots = (cell + beside) % side_cells
+            slots[axis] = edge_slot
+            expected.append(tuple(slots))
+    assert set(map(tuple, unknown)) == set(expected)
+
+
 def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides():
     """Farther than 1.14 m, beams one degree apart may have an obstacle of 2 cm between them."""
     seen = SeenSpace(8.0)

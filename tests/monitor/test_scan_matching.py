@@ -10,7 +10,7 @@ from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.rays import beam_at
-from applr_ros1.monitor.scan_matching import ScanMatcher, _beam_near, lines
+from applr_ros1.monitor.scan_matching import ScanMatcher, beam_near, lines, nearest_pose
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 from tests.monitor.scenes import BRAKES_WELL
@@ -54,6 +54,23 @@ def error_of(matcher, true, odometry):
     """Return the distance [m] and the angle [rad] between the true and the corrected pose."""
     x, y, yaw = compose(inverse(true), matcher.corrected(odometry))
     return math.hypot(x, y), abs(yaw)
+
+
+@pytest.mark.parametrize(
+    ("pose", "nearest"),
+    [
+        ((0.0, 0.0, 3.1), 0),
+        ((0.0, 0.0, -3.1), 0),  # .08 rad away, to the other side
+        ((0.0, 0.0, 1.7), 0),  # a yaw of 1.4 rad, or 1.6
+        ((0.0, 0.0, 1.5), 1),
+        ((0.9, 0.0, 0.8), 1),  # .9 m and .7 rad, or 1.1 m and .8 rad
+        ((1.3, 0.0, 0.8), 2),
+        ((1.0, 1.0, 0.2), 1),  # 1.41 m and .1 rad, or 1.41 m and .2 rad
+    ],
+)
+def test_the_nearest_scan_is_that_of_the_least_distance_and_turn(pose, nearest):
+    poses = np.array([(0.0, 0.0, 3.1), (0.0, 0.0, 0.1), (2.0, 0.0, 0.0)])
+    assert nearest_pose(poses, pose) == nearest
 
 
 @seeds(5)
@@ -257,5 +274,5 @@ def test_the_beam_search_does_not_depend_on_its_start(first, increment, count):
         x = distance * np.cos(bearing)
         y = distance * np.sin(bearing)
         for first_beam in (anywhere, nearby):
-            beam = _beam_near(surface, first, increment, x, y, float(first_beam))
+            beam = beam_near(surface, first, increment, x, y, float(first_beam))
             assert beam == pytest.approx(expected, abs=1e-9)

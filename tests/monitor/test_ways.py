@@ -16,9 +16,9 @@ from applr_ros1.monitor.stopping import (
     BodyPose,
     Braking,
     SeenCells,
-    _is_deeper,
-    _is_seen,
-    _obstacles,
+    is_deeper,
+    is_seen,
+    obstacles_of,
     braking_time,
     penetration,
 )
@@ -354,8 +354,8 @@ def test_points_in_the_body_are_those_of_the_scalar_computation():
             forward = place.cos_yaw * dx + place.sin_yaw * dy
             leftward = place.cos_yaw * dy - place.sin_yaw * dx
             expected |= penetration(BODY.planes, MARGIN, forward, leftward) > limit
-        obstacles = _obstacles(points, BODY)
-        assert _is_deeper(obstacles, limits, BODY.planes, MARGIN, place) == expected
+        obstacles = obstacles_of(points, BODY)
+        assert is_deeper(obstacles, limits, BODY.planes, MARGIN, place) == expected
         outcomes.add(bool(expected))
     assert outcomes == {True, False}
 
@@ -390,7 +390,7 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
             is_known = bool(cells[cell_x % side, cell_y % side])
             expected = expected and is_in_window and is_known
         seen = SeenCells(cells, corner_x, corner_y, robot_x, robot_y, robot_yaw)
-        assert _is_seen(seen, BODY.edge, place) == expected
+        assert is_seen(seen, BODY.edge, place) == expected
         outcomes.add(expected)
     assert outcomes == {True, False}
 

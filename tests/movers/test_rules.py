@@ -180,6 +180,63 @@ def test_static_tracks_correct_the_pose():
     assert fan["yaw"] == pytest.approx(0.62)
 
 
+@pytest.mark.parametrize(
+    ("track_fields", "cluster_fields", "corrects"),
+    [
+        ({}, {}, True),
+        ({}, {"start_hidden": True}, False),
+        ({}, {"end_hidden": True}, False),
+        ({}, {"radius": 0.32}, True),
+        ({}, {"radius": 0.34}, False),  # a merged cluster, whose centre is elsewhere
+        ({}, {"radius": 0.26}, False),
+        ({"hits": 3}, {}, True),
+        ({"hits": 2}, {}, False),
+        ({"vx": 0.24}, {}, True),
+        ({"vx": 0.26}, {}, False),
+        ({"moves": True}, {}, False),
+    ],
+)
+def test_settled_tracks_with_whole_clusters_of_their_size_correct_the_pose(
+    track_fields, cluster_fields, corrects
+):
+    # Given: six static tracks around a laser whose pose is 3 cm ahead
+    fans = np.zeros(1, FAN)
+    for name in ("angle_min", "increment", "range_min", "beams"):
+        fans[name] = SCAN[name]
+    places = np.array([(2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-2.0, 0.0), (0.0, -2.0), (2.0, -2.0)])
+    clusters_seen = seen_from(fans[0], Correction(dx=0.03, dy=0.0, turn=0.0), places)
+    clusters_seen["radius"] = 0.3
+    distance = np.hypot(clusters_seen["x"], clusters_seen["y"])
+    bearing = np.arctan2(clusters_seen["y"], clusters_seen["x"])
+    half_angle = np.arcsin(0.3 / distance)
+    clusters_seen["near"] = distance - 0.3
+    clusters_seen["start"] = bearing - half_angle
+    clusters_seen["end"] = bearing + half_angle
+    known = np.zeros(MAX_TRACKS, TRACK)
+    rows = known[: len(places)]
+    rows["id"] = np.arange(1, len(places) + 1)
+    rows["x"], rows["y"] = places.T
+    rows["mean_x"], rows["mean_y"] = places.T
+    rows["pp"] = 1e-5
+    rows["radius"] = 0.3
+    rows["hits"] = 10
+    for name, value in track_fields.items():
+        rows[name] = value
+    for name, value in cluster_fields.items():
+        clusters_seen[name] = value
+    history = np.full((SCANS, MAX_TRACKS, POINTS, 2), np.nan)
+    depth = np.full(201, 4.0, np.float32)
+    earlier_fans = np.zeros(SCANS, FAN)
+    earlier_fans["stamp"] = -np.inf  # no scan
+    earlier = tracks.EarlierScans(np.zeros((SCANS, 201), np.float32), earlier_fans)
+
+    # When
+    tracks.follow(known, history, clusters_seen, depth, fans, earlier, 0.05, 0.0)
+
+    # Then
+    assert fans[0]["x"] == pytest.approx(0.03 if corrects else 0.0, abs=0.005)
+
+
 # Positions of two clusters [m]: one overlaps a track at (2, 0), the other is far from it.
 PART = (2.2, 0.3)
 OTHER = (4.0, 0.0)

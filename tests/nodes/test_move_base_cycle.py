@@ -3,15 +3,12 @@
 import math
 import threading
 import time
-from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
 import rospy
 
 from applr_ros1.common.angles import within_speed
-from applr_ros1.monitor.monitor import Verdict
-from applr_ros1.nodes.monitor.node import CollisionMonitorNode
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.nodes.move_base.reports import MoveBaseReports, off_the_map
@@ -117,70 +114,6 @@ def test_a_goal_off_the_global_costmap_is_warned_of(x, is_warned_of):
 def test_diagnostics_report_odometry_that_contradicts_the_pose():
     inputs, *_ = MoveBaseReports(0.0).statuses({"scan": 0.1}, "its velocity is 0", 0, 20.0)
     assert (inputs.problem, inputs.values) == ("its velocity is 0", {"scan": 0.1})
-
-
-@pytest.mark.parametrize(
-    ("problem", "verdict", "level", "message"),
-    [
-        ("", Verdict((0.3, 0.0)), 0, "commands pass"),
-        ("the odometry's velocity is 0", Verdict((0.3, 0.0)), 1, "the odometry's velocity is 0"),
-        ("the odometry's velocity is 0", Verdict.stop((0.0, 0.0), "a wall"), 1, "a wall"),
-    ],
-)
-def test_the_monitors_diagnostics_report_it_as_well(problem, verdict, level, message, monkeypatch):
-    monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
-    node = MagicMock(_verdict=verdict, _counts={}, _commanded_wall=time.monotonic(), _stray_line="")
-    node.sensors.ages.return_value = {}
-    node.sensors.odometry_problem = problem
-    CollisionMonitorNode._report(node)
-    status = node._diagnostics.publish.mock_calls[0].args[0].status[0]
-    assert (status.level, status.message) == (level, message)
-
-
-@pytest.mark.parametrize(
-    ("reason", "topic"),
-    [
-        ("the latest scan is 0.60 s old; the limit is 0.5 s", "scan"),
-        ("the latest scan on rear is 0.60 s old; the limit is 0.5 s", "rear"),
-        ("scan on rear: the scanner is blind", "rear"),
-        ("scan on rear/low of frame low_2: the scanner is blind", "rear/low"),
-    ],
-)
-def test_a_stop_for_a_scan_describes_the_latest_message_on_its_topic(reason, topic, monkeypatch):
-    monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
-    node = MagicMock(_scan_topic="scan", _more_scans=["rear", "rear/low"], _stalled="")
-    node._named_topic = lambda reason: CollisionMonitorNode._named_topic(node, reason)
-    node.sensors.odometry_trouble.return_value = ""
-    node.sensors.describe_latest = "the latest message of {}".format
-    node.monitor.filter.return_value = Verdict.stop((0.0, 0.0), reason)
-    verdict = CollisionMonitorNode._judge(node, (0.5, 0.0), creeps=True)
-    assert verdict.reason == f"{reason} (the latest message of {topic})"
-
-
-def test_the_monitors_diagnostics_report_a_stray_laser_until_the_clock_jumps(monkeypatch):
-    monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
-    node = MagicMock(_verdict=Verdict((0.3, 0.0)), _counts={}, _commanded_wall=time.monotonic())
-    node._stray_line = ""
-    node.sensors.ages.return_value = {}
-    node.sensors.odometry_problem = ""
-    node.sensors.publisher_of.return_value = "/stray_driver"
-    reports = []
-    for strays, jumps in (
-        ([], False),
-        ([SimpleNamespace(frame="stray", count=3)], False),
-        ([], False),
-        ([], True),
-    ):
-        node.monitor.strays = strays
-        node._clock.went_back.return_value = jumps
-        node.sensors.observations.return_value = {"scan": None}
-        CollisionMonitorNode._take_scans(node)
-        CollisionMonitorNode._report(node)
-        status = node._diagnostics.publish.mock_calls[-1].args[0].status[0]
-        reports.append((status.level, status.message.partition(" has sent")[0]))
-    passing = (0, "commands pass")
-    stray = (1, "/stray_driver")
-    assert reports == [passing, stray, stray, passing]
 
 
 def test_cycles_that_were_missed_are_counted():

@@ -181,7 +181,7 @@ def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> Answ
     odometry = recording.odometry
     guesses = possible_guesses(diagnosis)
     values = values_of(Answer(diagnosis, guesses))
-    placed = _placed_frame(recording, diagnosis.longest)
+    placed = placed_frame(recording, diagnosis.longest)
     stops = []
     for event in diagnosis.events:
         lost = _lost_seconds(event, odometry, replay.top_speed)
@@ -275,7 +275,7 @@ def _lost_seconds(event: Event, odometry: Motion, top_speed: float) -> float:
     return max(event.seconds - float(gained_way) / top_speed, 0.0)
 
 
-def _placed_frame(recording: Recording, event: Optional[Event]) -> PlacedFrame:
+def placed_frame(recording: Recording, event: Optional[Event]) -> PlacedFrame:
     """Return the frame in which drives are drawn: that of a map, if tf connects it.
 
     Odometry drifts in a map, so that its pose is that of the longest event.

@@ -86,7 +86,7 @@ def change_for(
         return None
     # Candidates are compared by the defaults of the planner, which the worst bag's robot has.
     robot = with_description(bags[0].path, options).robot
-    courses = [_KeptCourse(bag, robot, options, pool, driven) for bag in bags]
+    courses = [KeptCourse(bag, robot, options, pool, driven) for bag in bags]
     try:
         trials = try_out([kept.course for kept in courses], merged(bags))
     finally:
@@ -126,7 +126,7 @@ def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
     return [first_candidates[changed_values] for changed_values in ranked[:CANDIDATES]]
 
 
-class _KeptCourse:
+class KeptCourse:
     """Course of a bag, whose drives are kept beside the bag and made once."""
 
     def __init__(

@@ -163,7 +163,7 @@ def logbook_of(
         raise BagError(f"no bag can be read: {problems[0]}" if problems else "there are no bags")
     notes += problems
     notes += _notes_of_files(files)
-    _set_floors(bags)
+    set_floors(bags)
     stops = stops_of(bags)
     stop_count = sum(len(bag.answer.stops) for bag in bags)
     if len(stops) < stop_count:
@@ -324,7 +324,7 @@ def _place_at(places: Sequence[StopPlace], logged: LoggedStop) -> Optional[StopP
 
 
 # -- frames ----------------------------------------------------------------------------------------
-def _set_floors(bags: Sequence[LoggedBag]) -> None:
+def set_floors(bags: Sequence[LoggedBag]) -> None:
     """Give bags in one frame the same floor.
 
     A map's frame is shared by its name. Odometry begins anew at each start of a robot: two of its

@@ -157,7 +157,7 @@ def write_pages(
         addresses[id(bag)] = quote(f"{folder.name}/{page_name}.html")
 
     links = [_link_to(logged, addresses) for logged in logbook.stops]
-    floors = _floors(logbook, floor_map)
+    floors = floors_of(logbook, floor_map)
     driven_notes = [DRIVEN] if change is not None else []
     page = Page(
         kind="why · logbook",
@@ -188,7 +188,7 @@ def _link_to(logged: LoggedStop, addresses: Dict[int, str]) -> str:
     return f"{address}#{number}"
 
 
-def _floors(logbook: Logbook, floor_map: Optional[Grid]) -> List[Dict[str, Any]]:
+def floors_of(logbook: Logbook, floor_map: Optional[Grid]) -> List[Dict[str, Any]]:
     """Return the frames with what was seen and driven in each, as JSON values."""
     floors = []
     for number in range(1 + max(bag.floor for bag in logbook.bags)):

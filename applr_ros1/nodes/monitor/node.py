@@ -14,7 +14,6 @@ monitor/settings.py except OF_ROBOT.
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 import traceback
@@ -29,7 +28,6 @@ from std_msgs.msg import Bool, String
 from applr_ros1.common.angles import Twist
 from applr_ros1.common.errors import ApplrError, run_script, shown
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.monitor.lasers import LET_GO_S
 from applr_ros1.monitor.monitor import (
     BRAKE,
     PASS,
@@ -49,10 +47,10 @@ from applr_ros1.stack.command_chain import CommandChain, StalledPlanner
 from .frame_broadcaster import FrameBroadcaster
 from .guard import Heartbeat, publish_zeros
 from .move_base_progress import MoveBaseProgress
+from .reports import MonitorReports, topic_named
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
 REPORT_S = 1.0  # interval between diagnostics, in wall time [s]
-IDLE_AFTER_S = 2.0  # wall time without a command after which the node counts as idle [s]
 POSE_AGE_S = 0.3  # largest usable age of the base's pose in the odometry frame [s]
 ZEROS_S = 0.05  # interval between the node's own commands while none arrives, in wall time [s]
 LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
@@ -86,23 +84,23 @@ class CollisionMonitorNode:
         self._lock = threading.Lock()
         self._clock = RosClock()
         self._verdict = Verdict.stop((0.0, 0.0), "no command has arrived yet")
-        self._counts = dict.fromkeys((PASS, BRAKE, SLOW, STOP), 0)
         # ROS time of the latest command; 0 if there is none since the start or a clock jump.
         self._commanded = rospy.Time(0)
         # time.monotonic() of the latest command, and of the next zero.
         self._commanded_wall = 0.0
         self._zero_due = 0.0
         self._zeros = 0  # number of zeros sent since the base came to rest without a command
-        self._stray_line = ""  # line about the latest stray laser since the last clock jump
 
         # Escape motions are for the C++ move_base. This package's planner makes its own.
+        actions = [PASS, BRAKE, SLOW, STOP]
         self._planner: Optional[MoveBaseProgress] = None
         self._command_chain = CommandChain()
         if escape:
-            self._counts[ESCAPE] = 0
+            actions.append(ESCAPE)
             self._planner = MoveBaseProgress()
             tolerance = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
             self._command_chain = CommandChain(StalledPlanner(tolerance))
+        self._reports = MonitorReports(actions)
 
         self._scan_topic = robot.topics.scan
         self._more_scans = more_scans
@@ -158,7 +156,7 @@ class CollisionMonitorNode:
             self.monitor.reset()
             self._broadcaster.forget()
             self._commanded = rospy.Time(0)
-            self._stray_line = ""
+            self._reports.forget()
             if self._planner is not None:
                 self._planner.forget()
         for topic, scan in self.sensors.observations().items():
@@ -167,13 +165,8 @@ class CollisionMonitorNode:
             for stray in self.monitor.strays:
                 assert stray.frame is not None
                 publisher = self.sensors.publisher_of(topic, stray.frame)
-                scans = f"scan of frame {stray.frame!r} on {rospy.resolve_name(topic)}"
-                problem = (
-                    f"{publisher} has sent no {scans} for {LET_GO_S:g} s ({stray.count} before)"
-                )
-                remedy = "stop this publisher, or give its laser a topic of its own in more_scans"
-                self._stray_line = f"{problem}: its scans no longer count; {remedy}"
-                rospy.logerr(f"collision monitor: {self._stray_line}")
+                line = self._reports.let_go(stray, publisher, rospy.resolve_name(topic))
+                rospy.logerr(f"collision monitor: {line}")
 
     @property
     def _stalled(self) -> str:
@@ -260,7 +253,7 @@ class CollisionMonitorNode:
                 reason += f"; {verdict.reason}"
             verdict = replace(verdict, action=ESCAPE, reason=reason)
         self._commands.publish(conversions.twist(*verdict.command))
-        self._counts[verdict.action] += 1
+        self._reports.counts[verdict.action] += 1
         # Always published: move_base resets its copy with each new goal.
         self._held.publish(verdict.blocked)
         self._report_verdict(verdict)
@@ -312,38 +305,24 @@ class CollisionMonitorNode:
         ages = (known_ages.get("pose_age_s", 0.0), known_ages.get("twist_age_s", 0.0))
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist, command, ages, creeps)
         if verdict.action == STOP and "scan" in verdict.reason:
-            latest = self.sensors.describe_latest(self._named_topic(verdict.reason))
+            topic = topic_named(verdict.reason, self._scan_topic, self._more_scans)
+            latest = self.sensors.describe_latest(topic)
             return Verdict.stop(verdict.command, f"{verdict.reason} ({latest})")
         return verdict
-
-    def _named_topic(self, reason: str) -> str:
-        """Return the topic of the laser that a reason of the monitor names."""
-        for topic in self._more_scans:
-            if re.search(rf"on {re.escape(topic)}[ :]", reason):
-                return topic
-        return self._scan_topic
 
     def _report(self) -> None:
         """Publish diagnostics."""
         verdict = self._verdict
-        is_idle = time.monotonic() - self._commanded_wall > IDLE_AFTER_S
-        level = DiagnosticStatus.WARN
-        message = verdict.reason or "commands pass"
-        if is_idle:
-            message = "idle: no commands"
-        # A base that brakes as its planner asks is no problem.
-        if is_idle or verdict.action in (PASS, BRAKE):
-            level = DiagnosticStatus.OK
-            warning = self.sensors.odometry_problem or self._stray_line
-            if warning:
-                level = DiagnosticStatus.WARN
-                message = warning
+        silence = time.monotonic() - self._commanded_wall
+        odometry_problem = self.sensors.odometry_problem
+        has_problem, message = self._reports.status(verdict, silence, odometry_problem)
+        level = DiagnosticStatus.WARN if has_problem else DiagnosticStatus.OK
         now = rospy.get_rostime()
         values = {
             "action": verdict.action,
             "scale": f"{verdict.scale:.2f}",
             "remembered": len(self.monitor.memory.points),
-            **self._counts,
+            **self._reports.counts,
             **self.sensors.ages(now),
         }
         status_name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"

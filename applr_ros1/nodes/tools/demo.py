@@ -230,12 +230,12 @@ def _drive(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> No
     )
     if values["page"] != "none":
         begins = observer.began - BASE_TIME_S
-        write_bytes(values["page"], _page(drive, setup, begins, result, spoiled))
+        write_bytes(values["page"], headline_page(drive, setup, begins, result, spoiled))
         result["page"] = values["page"]
         report(result["page"])
 
 
-def _page(
+def headline_page(
     drive: Drive, setup: DemoSetup, begins: float, result: Dict[str, Any], spoiled: str
 ) -> bytes:
     """Return the page of a drive that begins at the world's time `begins` [s].

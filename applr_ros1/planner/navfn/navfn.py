@@ -188,7 +188,7 @@ class Navfn:
         columns, rows = costmap.size
         origin_x, origin_y = costmap.origin.tolist()
         resolution = costmap.resolution
-        target_cell, target_x, target_y = _target(
+        target_cell, target_x, target_y = target_of(
             self._potential,
             origin_x,
             origin_y,
@@ -292,7 +292,7 @@ def _convert(
 
 
 @kernel
-def _target(
+def target_of(
     potential: Data,
     origin_x: float,
     origin_y: float,

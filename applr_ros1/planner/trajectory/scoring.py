@@ -193,7 +193,7 @@ def score_below(
             path_distance = float(path_steps)
             goal_distance = float(goal_steps)
             if p.heading_scoring:
-                heading_difference = _heading_difference(scene, cell_x, cell_y, x, y, theta)
+                heading_difference = heading_difference_of(scene, cell_x, cell_y, x, y, theta)
 
         # The point is scored; move on to the next one.
         end_x = x
@@ -229,7 +229,7 @@ def roll_out(p: Record, start: Record, sample: Velocity, points: Data) -> None:
 
 
 @kernel
-def _heading_difference(
+def heading_difference_of(
     scene: TrajectoryScene, cell_x: int, cell_y: int, x: float, y: float, theta: float
 ) -> float:
     """Return the angle [rad] from the heading to the farthest plan point in sight, or HUGE.

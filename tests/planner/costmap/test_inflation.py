@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters, cost_at
 from tests.support.scenes import inflate
 from tests.support.seeds import examples
@@ -143,6 +144,51 @@ def test_a_spread_of_any_width_is_that_of_cpp(radius):
     spread_as_in_cpp(expected, radius)
     layer.update(master, master.copy(), (0, 0, 60, 50))
     np.testing.assert_array_equal(master, expected)
+
+
+def spread_on(columns, rows, reach):
+    """Return an empty brushfire.Spread over a map, with costs that name the levels."""
+    step_level, distances = brushfire.tables(reach)
+    level_type, link_type = brushfire.types_of(reach)
+    level = np.full((rows + 2, columns + 2), np.iinfo(level_type).max, level_type)
+    level[[0, -1]] = brushfire.WALL
+    level[:, [0, -1]] = brushfire.WALL
+    level = level.reshape(-1)
+    link = np.zeros(len(level), link_type)
+    cost = np.zeros(len(level), np.uint8)
+    level_cost = 254 - np.arange(len(distances) + brushfire.SEED, dtype=np.uint8)
+    return brushfire.Spread(level, link, cost, columns + 2, reach, step_level, level_cost)
+
+
+@pytest.mark.parametrize("lost_count", [*range(0, 400, 16), 1 << 14])
+@pytest.mark.parametrize("queued_count", [60, 100, 200, 400, 1 << 14])
+def test_scratch_memory_that_is_too_short_is_refused_and_not_exceeded(lost_count, queued_count):
+    """Kernels do not check indices, so that a write beyond the end would spoil other arrays."""
+    # Given: the spread of two obstacles, of which one leaves and another one comes
+    reach = 5
+    columns = 40
+    (first, second, third) = (10 * 42 + 10, 10 * 42 + 14, 12 * 42 + 12)
+    long_queue = np.empty((4, 1 << 14), np.int32)
+    spread = spread_on(columns, 40, reach)
+    assert brushfire.rebuild(np.array([first, second]), 2, spread, long_queue)
+    expected = spread_on(columns, 40, reach)
+    assert brushfire.rebuild(np.array([second, third]), 2, expected, long_queue)
+
+    # When: it is repaired with memory of a certain length
+    lost = np.full(lost_count + 1000, -7, np.int64)
+    queue = np.full((4, queued_count), -7, np.int32)
+    changes = np.array([first, third])
+    is_repaired = brushfire.repair(changes, 2, spread, queue, lost[:lost_count])
+
+    # Then: nothing behind the end is written, and a repaired spread is the new one
+    assert np.all(lost[lost_count:] == -7)
+    if is_repaired:
+        np.testing.assert_array_equal(spread.cost, expected.cost)
+    is_long = lost_count > 4 * (2 * reach + 1) ** 2
+    if lost_count == 0:
+        assert not is_repaired
+    if is_long and queued_count > 1000:
+        assert is_repaired
 
 
 def assert_within(differs, window):

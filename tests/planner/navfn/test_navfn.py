@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import window
-from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn, _target
+from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn, target_of
 from tests.support import scenes
 from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
@@ -302,7 +302,7 @@ def test_the_first_of_equally_near_points_is_the_target():
     """navfn_ros.cpp:262 searches row by row from the lowest x and y."""
     potential = np.zeros((6, 6), np.float32)
     potential[3, 3] = 1e10
-    target = _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5)
+    target = target_of(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5)
     assert target == (2 * 6 + 3, 1.75, 1.25)
 
 

@@ -163,7 +163,7 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
         lines=np.zeros((1, 1, 1), np.int32),
         plan=np.array([(x, y, 0.0), (*target, 0.0)]),
     )
-    difference = scoring._heading_difference(scene, 0, 0, x, y, theta)
+    difference = scoring.heading_difference_of(scene, 0, 0, x, y, theta)
     assert difference == pytest.approx(expected)
 
 

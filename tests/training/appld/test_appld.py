@@ -15,6 +15,7 @@ from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.policy import actor, methods
+from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
@@ -190,6 +191,26 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert fitted.loss < 0.5 * fitted.loss_theta0
     assert fitted.replays <= 41
     assert fitted.theta[0] > 0.7
+
+
+def test_parameters_that_change_no_command_stay_at_their_defaults(monkeypatch):
+    """Loss of a demonstration that depends on the maximum speed alone"""
+    encoding = PaperEncoding(JACKAL)
+    default_action = encoding.action(encoding.space.theta0)
+    fastest_action = 0.5
+
+    def loss(parts, theta):
+        action = encoding.action(theta)
+        return appld_fit.Loss((action[0] - fastest_action) ** 2, [0.0, 0.0])
+
+    monkeypatch.setattr(appld_fit, "loss", loss)
+    stretch = appld_fit.DemonstrationStretch(None, JACKAL, first=0, last=1, planner=None)
+
+    fitted = appld_fit.fit([stretch], 1500, seed=0)
+
+    action = encoding.action(fitted.theta)
+    assert action[0] == pytest.approx(fastest_action, abs=0.02)
+    np.testing.assert_allclose(action[1:], default_action[1:], atol=0.1)
 
 
 def test_the_classifier_distinguishes_scans_and_mirrored_scans(tmp_path, monkeypatch):

@@ -27,6 +27,7 @@ from training.train.learner.config import parse
 from training.train.learner.learner import Learner, LearnerOptions
 from training.train.learner.run import TrainingRun
 from training.train.replay.buffer import NO_ACTION
+from training.workers.collect import Collect
 from training.workers.pool import Pool
 
 
@@ -82,6 +83,29 @@ def test_resume_continues(tmp_path):
     assert checkpoint["updates"] == 300
     assert numbers_of(rounds_of(run_folder)) == [-1, 1, 2, 3]
     assert len(json.loads((run_folder / "config.json").read_text())["provenance"]) == 2
+
+
+def test_a_resumed_run_drives_further_episodes_and_counts_its_whole_time(tmp_path, monkeypatch):
+    # Given: a run that notes the numbers of its episodes
+    numbers = []
+
+    def noted(number, *arguments):
+        numbers.append(number)
+        return Collect(number, *arguments)
+
+    monkeypatch.setattr("training.train.learner.run.Collect", noted)
+    run_folder = tmp_path / "run"
+    assert main(toy(run_folder, "--total-timesteps", "100")) == 0
+    first_count = len(numbers)
+    first_elapsed = Learner.saved(run_folder)["extra"]["elapsed"]
+
+    # When
+    assert main(["--resume", "--out", str(run_folder), "--total-timesteps", "200"]) == 0
+
+    # Then
+    assert first_count > 1
+    assert numbers == list(range(len(numbers)))
+    assert Learner.saved(run_folder)["extra"]["elapsed"] > first_elapsed + 0.5 * first_elapsed
 
 
 def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):

@@ -24,7 +24,7 @@ from training.bags.write import write
 from training.why import __main__ as why
 from training.why import common_change, logbook, logbook_page, whole_drives
 from training.why.answer_file import AnswerFile, StoredArrival, bag_hash
-from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, _placed_frame
+from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, placed_frame
 from training.why.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
 from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
@@ -161,7 +161,7 @@ def test_odometry_frames_are_one_only_if_the_laser_saw_the_same_there():
         logged_bag(seen=[[50.0, 50.0]]),
         logged_bag(seen=[[50.0, 50.0]]),
     ]
-    logbook._set_floors(bags)
+    logbook.set_floors(bags)
     assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3, 4, 5]
 
 
@@ -179,16 +179,16 @@ def test_a_drive_is_placed_in_the_frame_of_its_plans_if_tf_connects_both():
     )
     planned = Commands(times, np.zeros((2, 2)))
     recording = SimpleNamespace(drive=drive, robot=JACKAL, planned=planned)
-    placed = _placed_frame(recording, None)
+    placed = placed_frame(recording, None)
     assert (placed.name, placed.is_shared) == ("map", True)
     assert placed.origin == pytest.approx((1.0, 2.0, np.pi / 2))
 
     # Without tf it stays in its own frame.
     recording.drive = replace(drive, transforms=None)
-    assert _placed_frame(recording, None) == ("odom", False, (0.0, 0.0, 0.0))
+    assert placed_frame(recording, None) == ("odom", False, (0.0, 0.0, 0.0))
     # The local costmap may be in the map.
     recording.drive = replace(drive, frame="map")
-    assert _placed_frame(recording, None) == ("map", True, (0.0, 0.0, 0.0))
+    assert placed_frame(recording, None) == ("map", True, (0.0, 0.0, 0.0))
 
 
 def test_a_map_lies_under_the_drives_in_its_frame_alone():
@@ -197,7 +197,7 @@ def test_a_map_lies_under_the_drives_in_its_frame_alone():
     floor_map = Grid(cells, 0.5, (1.0, 0.0, 0.0))
     in_map = logged_bag(frame="map", is_shared=True, seen=[[7.0, 7.0]])
     in_odometry = logged_bag(seen=[[3.0, 3.0]], name="b.bag", floor=1)
-    floors = logbook_page._floors(book_of(in_map, in_odometry), floor_map)
+    floors = logbook_page.floors_of(book_of(in_map, in_odometry), floor_map)
     # The centre of the occupied cell, and what the laser saw
     assert [floor["points"] for floor in floors] == [[[2.25, 0.75]], [[3.05, 3.05]]]
     assert [floor["cell"] for floor in floors] == [0.5, 0.1]
@@ -359,7 +359,7 @@ def test_a_drive_that_cannot_be_simulated_is_named_and_not_kept(monkeypatch):
 def test_a_bag_that_cannot_be_read_any_more_is_named():
     bag = drivable(9.0, 1.0)
     with Pool(0) as pool:
-        kept = common_change._KeptCourse(
+        kept = common_change.KeptCourse(
             bag, JACKAL, BagAnswerOptions(robot=JACKAL), pool, lambda: None
         )
         with pytest.raises(ApplrError, match="a.bag: "):
