@@ -36,7 +36,7 @@ from applr_ros1.common.angles import Twist
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import command_topic, init_node, until_shutdown
 from applr_ros1.robots import geometry, load
 
 from . import make
@@ -121,7 +121,10 @@ class Bridge:
 
     def _connect(self) -> None:
         robot = self.simulator.robot
-        for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
+        for topic in (
+            command_topic(robot.topics.cmd_vel),
+            robot.name + "_velocity_controller/cmd_vel",
+        ):
             rospy.Subscriber(topic, TwistMessage, self.on_command, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)

@@ -92,3 +92,21 @@ def until_shutdown() -> Iterator[None]:
     except Exception:
         if not rospy.core.is_shutdown_requested():
             raise
+
+
+def status_name(node: str, subject: str) -> str:
+    """Return the name under which a node of this namespace has a status in /diagnostics."""
+    namespace: str = rospy.get_namespace()
+    return (namespace + node).lstrip("/") + f": {subject}"
+
+
+def policy_status() -> str:
+    """Return the name of the applr node's status, for the node and for those that read it."""
+    return status_name("applr", "parameter policy")
+
+
+def command_topic(robot_topic: str) -> str:
+    """Return the topic of commands to the base: the robot's, unless cmd_vel is remapped."""
+    name_before: str = rosgraph.names.resolve_name("cmd_vel", rospy.get_name())
+    is_remapped = rospy.resolve_name("cmd_vel") != name_before
+    return "cmd_vel" if is_remapped else robot_topic

@@ -18,6 +18,7 @@ from applr_ros1.common.angles import Pose, Quaternion, compose, transform_point
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
+LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
 SHARED_S = 1.0  # time for which the latest cloud of another sensor on the same topic is kept [s]
 Point3D = Tuple[float, float, float]
 RangeLimits = Tuple[np.float32, np.float32]

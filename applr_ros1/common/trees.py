@@ -22,6 +22,17 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
     return section
 
 
+def without_empty(tree: Dict[str, Any]) -> Dict[str, Any]:
+    """Return a tree without values and sections that are None, as empty ones of YAML files are."""
+    kept = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            kept[name] = without_empty(value)
+        elif value is not None:
+            kept[name] = value
+    return kept
+
+
 def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
     """Return a new tree: `below` with the values of `above` on top.
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, DriveError
-from applr_ros1.monitor.monitor import STOP
+from applr_ros1.monitor.monitor import action_in, action_text
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import FARTHEST_M, beginning
+from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
 
 Row = Dict[str, Any]  # values of a row of a column by the names of its fields
@@ -358,13 +359,13 @@ def _pack_goal(row: Mapping[str, Any], sender: Sender) -> Fields:
 # -- monitor ---------------------------------------------------------------------------------------
 def _unpack_verdict(message: Any) -> List[Row]:
     """Return action and reason of the collision monitor, which publishes each change."""
-    action, _, reason = message.data.partition(": ")
-    return [{"action": action, "reason": reason, "blocked": action == STOP}]
+    action, reason = action_in(message.data)
+    return [{"action": action, "reason": reason}]
 
 
 def _pack_verdict(row: Mapping[str, Any], sender: Sender) -> Fields:
-    """Return a std_msgs/String, as the monitor's node does."""
-    return {"data": ": ".join(filter(None, (row["action"], row["reason"])))}
+    """Return a std_msgs/String."""
+    return {"data": action_text(row["action"], row["reason"])}
 
 
 # -- decisions and contacts ------------------------------------------------------------------------
@@ -450,20 +451,37 @@ def _pack_decision(row: Mapping[str, Any], sender: Sender) -> Fields:
             "vy": mover_vy,
             "radius": np.zeros(len(seen.movers)),
         },
-        "before": _pack_parameters(header, row["before"]),
-        "after": _pack_parameters(header, row["after"]),
+        "before": _pack_parameters(header, row["before"], sender),
+        "after": _pack_parameters(header, row["after"], sender),
         "cleared": row["cleared"],
     }
 
 
-def _pack_parameters(header: Fields, values: Mapping[str, float]) -> Fields:
+def _pack_parameters(header: Fields, values: Mapping[str, float], sender: Sender) -> Fields:
     return {
         "header": header,
         "names": list(values),
         "values": list(values.values()),
         "multipliers": [1.0] * len(values),
-        **dict.fromkeys(PLOTTED, np.nan),
+        **plotted(values, space_of(sender.robot)),
     }
+
+
+def plotted(values: Mapping[str, float], space: Space) -> Dict[str, float]:
+    """Return the fields of Parameters.msg that hold some of the values once more, for plots.
+
+    They are NaN unless a value has their name, or that of its parameter of move_base.
+    """
+    fields = dict.fromkeys(PLOTTED, np.nan)
+    for name, value in values.items():
+        names = [name]
+        for target in space.targets.get(name, ())[:1]:
+            names += target.names
+        for plotted_name in names:
+            if plotted_name in fields:
+                fields[plotted_name] = value
+                break
+    return fields
 
 
 def _unpack_contact(message: Any) -> List[Row]:

@@ -14,6 +14,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
+from applr_ros1.monitor.monitor import STOP
 from applr_ros1.policy.decision import Seen
 from worlds import World
 
@@ -202,12 +203,15 @@ class Verdicts(Rows):
     Attributes:
         action: PASS, BRAKE, SLOW or STOP of each (monitor/monitor.py).
         reason: One line that explains each change; "" if the command passed.
-        blocked: Whether the command was limited to almost zero.
     """
 
     action: List[str]
     reason: List[str]
-    blocked: List[bool]
+
+    @property
+    def blocked(self) -> List[bool]:
+        """Whether the monitor stopped the base, by each verdict."""
+        return [action == STOP for action in self.action]
 
 
 @dataclass
@@ -283,6 +287,7 @@ class Drive:
 
     Attributes:
         name: Name of the drive for people: its file, or its world.
+        recorded_at: Time at which it begins by the clock of its recorder [s].
         frame: Frame of odometry and plans.
         frames: Frames of a column's recorded messages, in order of appearance.
         planners: Names of the local planners whose plans were recorded.
@@ -312,6 +317,7 @@ class Drive:
     """
 
     name: str = ""
+    recorded_at: float = 0.0
     frame: str = "odom"
     frames: Dict[str, List[str]] = field(default_factory=dict)
     planners: List[str] = field(default_factory=list)

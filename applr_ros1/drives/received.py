@@ -122,6 +122,7 @@ def drive_from(messages: Sequence[Received], robot: Robot) -> Drive:
             unpacked[column].append(UnpackedRow(elapsed, row))
 
     drive = drive_of(unpacked, begin_time, robot)
+    drive.recorded_at = first_time / SECOND
     if robot_time.note:
         drive.notes.append(robot_time.note)
     if drive.scans is not None:

@@ -156,13 +156,7 @@ class Recorder:
 
     def judged(self, time: float, verdict: Verdict) -> None:
         """Add a verdict of the collision monitor."""
-        self.add(
-            "verdicts",
-            time,
-            action=verdict.action,
-            reason=verdict.reason,
-            blocked=verdict.blocked,
-        )
+        self.add("verdicts", time, action=verdict.action, reason=verdict.reason)
 
     def changed(self, time: float, server: str, values: Mapping[str, Any]) -> None:
         """Add parameters {name: value} of a server that are now in force."""

@@ -102,6 +102,11 @@ class Verdict:
         is_limited = self.action in (SLOW, STOP)
         return is_limited and abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
 
+    @property
+    def text(self) -> str:
+        """Action and reason in one line, as the node publishes them (action_in() reads it)."""
+        return action_text(self.action, self.reason)
+
     def braked(self, command: Twist) -> "Verdict":
         """Return the verdict with the command (v, w) that brakes the base, if that differs."""
         if self.action != PASS or command == self.command:
@@ -109,6 +114,17 @@ class Verdict:
         v, _ = command
         reason = REVERSING if v * self.command[0] < 0.0 else BRAKING
         return Verdict(command, BRAKE, reason=reason)
+
+
+def action_text(action: str, reason: str) -> str:
+    """Return the action and the reason of a verdict in one line."""
+    return f"{action}: {reason}" if reason else action
+
+
+def action_in(text: str) -> Tuple[str, str]:
+    """Return action and reason of a line by action_text()."""
+    action, _, reason = text.partition(": ")
+    return action, reason
 
 
 class Ages(NamedTuple):

@@ -18,6 +18,7 @@ from applr_ros1.common.angles import Pose, inverse, transform_motions, transform
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
+from applr_ros1.monitor.rays import covers_full_turn
 from applr_ros1.movers.tracker import Movers, MoverTracker
 
 # Standard deviations of a tracked position by which its disc is larger. Half of the filter's
@@ -183,8 +184,8 @@ def gaps_in(scan: LaserScan) -> Array:
     for neighbour in (-1, 1):
         near_ranges = np.roll(ranges, neighbour)
         is_gap = is_known & np.roll(is_known, neighbour) & (ranges - near_ranges > HIDING_M)
-        # The scan is no full turn: its ends are no neighbours.
-        is_gap[-1 if neighbour < 0 else 0] = False
+        if not covers_full_turn(len(ranges), scan.angle_increment):
+            is_gap[-1 if neighbour < 0 else 0] = False  # The ends of the scan are no neighbours.
         for offset in np.arange(0.5 * HIDDEN_APART_M, HIDDEN_REACH_M, HIDDEN_APART_M):
             distances = near_ranges + offset
             is_hidden = is_gap & (distances < ranges)

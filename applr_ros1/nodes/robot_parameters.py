@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, Dict, Optional, Tuple
 
 from applr_ros1.common.arguments import frame_prefix
-from applr_ros1.common.trees import merged
+from applr_ros1.common.trees import merged, without_empty
 from applr_ros1.policy import methods
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -64,7 +64,8 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     file_parameters = started_robot.parameters()
     if prefix:
         _prefix_frames(file_parameters, prefix)
-    return merged(file_parameters, overrides), robot
+    # An empty value of a file stands for the default. The parameter server cannot hold it.
+    return without_empty(merged(file_parameters, overrides)), robot
 
 
 def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:

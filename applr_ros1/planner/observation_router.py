@@ -56,6 +56,8 @@ class ObservationRouter:
         self.data_types: Dict[str, str] = {}
         self.ray_origins: Dict[str, str] = {}
         self._stamps: Dict[str, float] = {}  # by topic: stamp of the latest observation [s]
+        # The same by topic and frame
+        self._sensor_stamps: Dict[Tuple[str, Optional[str]], float] = {}
         self._last_call = -math.inf  # time of the last call [s]
         for costmap in (local_costmap, global_costmap):
             for layer in costmap.obstacle_layers:
@@ -74,7 +76,7 @@ class ObservationRouter:
     ) -> None:
         """Pass observations to the sources on their topics.
 
-        Observations older than the latest one are dropped.
+        Observations older than the latest one of their sensor are dropped.
 
         Args:
             sensed: {topic: observation}, or one observation of the first topic.
@@ -88,8 +90,11 @@ class ObservationRouter:
             first_topics = list(self.data_types)[:1]
             sensed = {topic: sensed for topic in first_topics}
         for topic, observation in sensed.items():
-            if observation.stamp >= self._stamps.get(topic, observation.stamp):
-                self._stamps[topic] = observation.stamp
+            # Lasers that share a topic may have different delays.
+            sensor = topic, observation.frame
+            if observation.stamp >= self._sensor_stamps.get(sensor, observation.stamp):
+                self._sensor_stamps[sensor] = observation.stamp
+                self._stamps[topic] = max(observation.stamp, self._stamps.get(topic, -math.inf))
                 self._hand_on(topic, observation, now, local_origin, placed)
 
         # A tracker that has died would otherwise leave its last obstacles in the maps.
@@ -148,6 +153,7 @@ class ObservationRouter:
         """Drop all observations when the clock steps back: their stamps would be in the future."""
         if now < self._last_call:
             self._stamps.clear()
+            self._sensor_stamps.clear()
             for listeners in self._listeners.values():
                 for listener in listeners:
                     listener.buffer.forget()

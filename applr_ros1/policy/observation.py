@@ -79,17 +79,24 @@ def observe(
         ObservationError: The number of beams is wrong, no beam is valid, or phi is not finite.
     """
     beams = layout.beams
-    ranges = without_gaps(ranges, layout)
+    scaled_ranges = scaled(without_gaps(ranges, layout), layout)
     if not np.isfinite(phi):
         raise ObservationError(
             f"angle of the local goal is {phi}: check the pose and the global plan"
         )
     parameters = space.chosen.to_action(space.chosen_of(theta_prev))
     observation = np.empty(beams + 1 + len(parameters), dtype=np.float32)
-    observation[:beams] = np.clip(ranges, 0.0, layout.range_cap) * (2.0 / layout.range_cap) - 1.0
+    observation[:beams] = scaled_ranges
     observation[beams] = np.clip(phi / pi, -1.0, 1.0)
     observation[beams + 1 :] = parameters
     return observation
+
+
+def scaled(ranges: Any, layout: Layout = LAYOUT) -> Array32:
+    """Return ranges without NaN [m] as a policy gets them: capped, and scaled to [-1, 1]."""
+    capped_ranges = np.clip(np.asarray(ranges, np.float32), 0.0, layout.range_cap)
+    scaled_ranges: Array32 = capped_ranges * (2.0 / layout.range_cap) - 1.0
+    return scaled_ranges
 
 
 def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> Array32:

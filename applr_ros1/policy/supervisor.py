@@ -86,6 +86,8 @@ class Supervisor:
 
         When it is off, the planner has its default parameters and no decisions are made.
         """
+        if enabled and self.enabled:
+            return
         self.enabled = enabled
         self.has_rested = False
         self._by_hand = None

@@ -576,7 +576,7 @@ class Robot:
         On a map, or in another frame than the odometry's, localisation corrects the odometry: the
         robot stays as it is.
         """
-        parameters = self.parameters()
+        parameters = self.all_parameters()
         costmap_frames = {parameters[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS}
         if costmap_frames != {self.frames.odom.lstrip("/")}:
             return self

@@ -8,7 +8,7 @@ a StalledPlanner. policy/stuck.py says who else finds that the robot is stuck. S
 from __future__ import annotations
 
 import math
-from typing import Callable, Hashable, NamedTuple, Optional
+from typing import Any, Callable, Hashable, NamedTuple, Optional
 
 from applr_ros1.common.angles import Twist
 from applr_ros1.monitor.monitor import Verdict
@@ -38,6 +38,18 @@ class Progress(NamedTuple):
         """Return the distance that is left at a time [m]; None if it is not known."""
         # A plan that the planner has not renewed says nothing about the way that is left.
         return self.distance if now - self.plan_time <= FRESH_S else None
+
+
+def across(plan: Any) -> Optional[float]:
+    """Return the distance [m] between the ends of a plan, a sequence of points (x, y, ...) [m].
+
+    It is None for an empty plan, which move_base publishes if planning fails.
+    """
+    if not len(plan):
+        return None
+    begin_x, begin_y, *_ = plan[0]
+    end_x, end_y, *_ = plan[-1]
+    return math.hypot(end_x - begin_x, end_y - begin_y)
 
 
 class StalledPlanner:

@@ -5,7 +5,6 @@ commands, an escape motion may replace the command, and the collision monitor li
 robot each part is a node of its own.
 """
 
-import math
 from typing import Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
@@ -19,10 +18,10 @@ from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
-from applr_ros1.planner.state_machine import Cycle
+from applr_ros1.planner.state_machine import NO_PLAN, Cycle
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner
+from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner, across
 
 STANDING: Twist = (0.0, 0.0)
 
@@ -65,7 +64,7 @@ class Stack:
         self.escapes = escapes
         self._matched_frame = robot.frames.matched
         self._command_chain = CommandChain()
-        self._plan_time = -math.inf  # time of the planner's latest plan [s]
+        self._progress = Progress()  # the planner's latest plan
         self._command_time: Optional[float] = None  # time of its latest command [s]
 
     def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
@@ -76,7 +75,7 @@ class Stack:
         if self.prediction is not None:
             self.prediction.reset()
         self._command_chain = CommandChain()
-        self._plan_time = -math.inf
+        self._progress = Progress()
         self._command_time = None
 
     def set_goal(self, goal: Pose, now: float) -> None:
@@ -135,8 +134,10 @@ class Stack:
             planner_pose = compose(correction, pose)
             sensed = _moved(sensed, correction)
         cycle = self.move_base.step(now, planner_pose, twist, sensed, local_origin)
-        if cycle.new_plan:
-            self._plan_time = now
+        if cycle.planned:
+            # If planning fails, move_base publishes an empty plan.
+            plan = self.move_base.global_plan if cycle.new_plan else NO_PLAN
+            self._progress = Progress(plan_time=now, distance=across(plan))
         monitor = self.monitor
         if monitor is None:
             return Step(cycle, None, cycle.command)
@@ -163,7 +164,7 @@ class Stack:
         silent_time = now - self._command_time + TIME_TOLERANCE_S
         if silent_time < monitor.silence:
             return Step(cycle, None, None)
-        motion = self._command_chain.escape(now, STANDING, self._progress())
+        motion = self._command_chain.escape(now, STANDING, self._progress_now)
         if motion is not None:
             verdict = self._judged(monitor, now, pose, twist, STANDING, motion)
             return Step(cycle, verdict, verdict.command)
@@ -185,7 +186,7 @@ class Stack:
         self, monitor: CollisionMonitor, now: float, pose: Pose, twist: Twist, command: Twist
     ) -> Verdict:
         """Return the verdict on the planner's command, or on an escape motion in its place."""
-        motion = self._command_chain.escape(now, command, self._progress())
+        motion = self._command_chain.escape(now, command, self._progress_now)
         return self._judged(monitor, now, pose, twist, command, motion)
 
     def _judged(
@@ -208,15 +209,10 @@ class Stack:
             self.move_base.report_held(verdict.blocked)
         return verdict
 
-    def _progress(self) -> Progress:
-        """Return the planner's goal and plan."""
-        plan = self.move_base.global_plan
-        distance = None
-        if len(plan):
-            begin_x, begin_y = plan[0, :2]
-            end_x, end_y = plan[-1, :2]
-            distance = math.hypot(end_x - begin_x, end_y - begin_y)
-        return Progress(self.move_base.goal, self._plan_time, distance)
+    @property
+    def _progress_now(self) -> Progress:
+        """The planner's goal and latest plan."""
+        return self._progress._replace(goal=self.move_base.goal)
 
 
 def _moved(sensed: Optional[Sensed], frame: Pose) -> Optional[Sensed]:

@@ -211,6 +211,11 @@ def drive_on(
     return np.array(results).reshape(-1, 2)
 
 
+def heading(replay: Replay) -> str:
+    """Return the heading of a list of guesses."""
+    return f"Guesses of the replay, {AHEAD * replay.planner.period:g} s ahead"
+
+
 def _speed_along(plan: np.ndarray, track: np.ndarray, seconds: float) -> float:
     """Return the mean speed [m/s] of a track of some seconds along a plan (n, 3)."""
     points = plan[:, :2]

@@ -12,7 +12,6 @@ from applr_ros1.why.events import Event
 from applr_ros1.why.explanation import beside
 from applr_ros1.why.replay import Replay
 
-POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
 
 
@@ -67,8 +66,7 @@ def best_guess(guesses: Sequence[Alternative], top_speed: float) -> Optional[Alt
 def certainty_of(replay: Replay) -> str:
     """Return how far the replay agrees with the recorded drive."""
     certainty = str(replay)
-    # Stops of move_base itself say nothing about the replay of the local planner.
-    if replay.share_of_cycles < POOR:
+    if replay.is_poor:
         certainty += (
             "; few, so the planner's reasons are not to be trusted: "
             "parameters of the folder differ, or topics or scans are missing"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping, Sequence
+from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.policy.parameter_space import unchecked_space
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import DriveLimits
 
@@ -38,14 +39,12 @@ def limits_of(
     fastest_speed = float(np.abs(odometry.twist[:, 0]).max(initial=0.0))
     speed = np.full(len(odometry), _first(values, SPEEDS, fastest_speed))
     turn = np.full(len(odometry), _first(values, TURNS, USUAL_TURN))
-    if drive.changes is not None:
-        changes = zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
-        for change_time, server, changed_values in changes:
-            if server == planner:
-                values.update(changed_values)
-                is_later = odometry.time >= change_time
-                speed[is_later] = _first(values, SPEEDS, fastest_speed)
-                turn[is_later] = _first(values, TURNS, USUAL_TURN)
+    for change_time, server, changed_values in changes_of(drive, robot):
+        if server == planner:
+            values.update(changed_values)
+            is_later = odometry.time >= change_time
+            speed[is_later] = _first(values, SPEEDS, fastest_speed)
+            turn[is_later] = _first(values, TURNS, USUAL_TURN)
     return DriveLimits(
         speed=speed,
         turn=turn,
@@ -53,6 +52,24 @@ def limits_of(
         scale=robot.world_scale,
         end=drive.end,
     )
+
+
+def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:
+    """Return the changes (time [s], server, {name: value}) of a drive in order of time.
+
+    Of servers without recorded updates, the values come from the decisions.
+    """
+    changes: List[Tuple[float, str, Dict[str, Any]]] = []
+    recorded_servers: Set[str] = set()
+    if drive.changes is not None:
+        changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
+        recorded_servers.update(drive.changes.server)
+    for decision in drive.decisions:
+        for server, values in unchecked_space(robot).settings_of(decision.after).items():
+            if server not in recorded_servers:
+                changes.append((decision.time, server, dict(values)))
+    changes.sort(key=lambda change: change[0])
+    return changes
 
 
 def planner_of(drive: Drive, robot: Robot) -> str:

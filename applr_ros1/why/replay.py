@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice, product
 from typing import (
-    Any,
     Callable,
     Dict,
     Iterable,
@@ -23,7 +22,6 @@ from typing import (
     NamedTuple,
     Optional,
     Sequence,
-    Set,
     Tuple,
 )
 
@@ -33,9 +31,9 @@ from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Settings
-from applr_ros1.policy.parameter_space import unchecked_space
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import DriveLimits
+from applr_ros1.why.limits import changes_of, limits_of
 from applr_ros1.why.moment import Asked, CycleMoment, MapSnapshot, Memory
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import Ahead, RerunPlanner
@@ -43,6 +41,7 @@ from applr_ros1.why.rerun import Ahead, RerunPlanner
 # Reasons why a command is no cycle of the local planner
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
 TOO_EARLY = "before the first scan or odometry"
+POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 CLEARED_S = 0.5  # longest time in which move_base clears its costmaps after a call [s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
@@ -167,6 +166,12 @@ class Replay:
         """Share of the local planner's commands that are reproduced."""
         return self.reproduced / len(self.cycles)
 
+    @property
+    def is_poor(self) -> bool:
+        """Whether the planner's reasons in this replay are not to be trusted."""
+        # Stops of move_base itself say nothing about the replay of the local planner.
+        return self.share_of_cycles < POOR
+
     def __str__(self) -> str:
         summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
@@ -190,19 +195,8 @@ class Replay:
     @cached_property
     def limits(self) -> DriveLimits:
         """Limits by which the drive is measured."""
-        speeds = []
-        turn_rates = []
-        for row_time in self.recording.odometry.time.tolist():
-            values = self.history.at(row_time)[self.planner.name]
-            speeds.append(values["max_vel_x"])
-            turn_rates.append(values["max_vel_theta"])
-        return DriveLimits(
-            speed=np.array(speeds),
-            turn=np.array(turn_rates),
-            tolerance=self.planner.goal_tolerance,
-            scale=self.robot.world_scale,
-            end=self.drive.end,
-        )
+        values_at_start = self.planner.start_values
+        return limits_of(self.drive, self.recording.odometry, self.robot, values_at_start)
 
     @property
     def top_speed(self) -> float:
@@ -300,24 +294,6 @@ def _history(recording: Recording, start_settings: Settings) -> History:
         times.append(change_time)
         all_settings.append(settings)
     return History(times, all_settings)
-
-
-def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:
-    """Return the changes (time [s], server, {name: value}) of a drive in order of time.
-
-    Of servers without recorded updates, the values come from the decisions.
-    """
-    changes: List[Tuple[float, str, Dict[str, Any]]] = []
-    recorded_servers: Set[str] = set()
-    if drive.changes is not None:
-        changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
-        recorded_servers.update(drive.changes.server)
-    for decision in drive.decisions:
-        for server, values in unchecked_space(robot).settings_of(decision.after).items():
-            if server not in recorded_servers:
-                changes.append((decision.time, server, dict(values)))
-    changes.sort(key=lambda change: change[0])
-    return changes
 
 
 def _plan(recording: Recording, at: float) -> Optional[np.ndarray]:

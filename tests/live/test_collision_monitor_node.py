@@ -4,6 +4,7 @@ lasers are silent.
 
 import os
 import re
+import shutil
 import signal
 import time
 import xmlrpc.client
@@ -18,6 +19,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
 from applr_ros1.nodes.conversions import twist
+from applr_ros1.robots import JACKAL
 from tests.support.nodes import FakeJackal, values_of
 from tests.support.ros import Kept, session, wait_for
 
@@ -203,6 +205,26 @@ def node_pid(name):
     """Return the process ID of a node."""
     node_uri = rosgraph.Master("/test").lookupNode(name)
     return xmlrpc.client.ServerProxy(node_uri).getPid("/test")[2]
+
+
+def test_the_guard_stops_a_base_whose_commands_have_another_topic(stack, tmp_path):
+    folder = tmp_path / "jackal"
+    shutil.copytree(JACKAL.folder, folder)
+    description = (folder / "robot.yaml").read_text()
+    (folder / "robot.yaml").write_text(description.replace("cmd_vel: cmd_vel", "cmd_vel: wheels"))
+    senders = []
+    subscriber = rospy.Subscriber(
+        "/wheels", Twist, lambda message: senders.append(message._connection_header["callerid"])
+    )
+    names = "__name:=of_wheels", "cmd_vel_in:=wheels_in"
+    child = session().node("collision_monitor", *INPUTS, f"_robot:={folder}", *names)
+    commands = rospy.Publisher("/wheels_in", Twist, queue_size=1)
+    child.until(lambda: commands.get_num_connections() and "/of_wheels" in senders)
+    os.kill(node_pid("/of_wheels"), signal.SIGKILL)
+    wait_for(lambda: "/of_wheels_guard" in senders, "zeros of the guard")
+    wait_for(lambda: not child.alive(), "the end of the guard")
+    subscriber.unregister()
+    commands.unregister()
 
 
 def test_diagnostics_have_the_ages_of_the_inputs(stack):

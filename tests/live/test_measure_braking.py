@@ -2,15 +2,24 @@
 
 import re
 import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import rospy
+import yaml
 
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.nodes.conversions import Reading
-from applr_ros1.nodes.tools.measure_braking import MeasuredStop, dead_band, deceleration, reaction
+from applr_ros1.nodes.tools.measure_braking import (
+    MeasuredBase,
+    MeasuredStop,
+    dead_band,
+    deceleration,
+    reaction,
+)
+from applr_ros1.robots import JACKAL
 from tests.support.refusals import refused
 from tests.support.ros import Kept, session, wait_for
 from worlds import Course, World
@@ -130,6 +139,25 @@ def robot(tmp_path_factory):
     child.end()
 
 
+def test_a_base_whose_odometry_falls_silent_is_stopped():
+    """Nobody would know how far it drives."""
+    # Given: a base that was heard once, and has half a minute to drive
+    sent = []
+    base = MeasuredBase.__new__(MeasuredBase)
+    vars(base).update(
+        free=6.0,
+        readings=[Reading(0.0, (3.0, 0.0, 0.0), (0.0, 0.0))],
+        start=(0.0, 0.0, 0.0),
+        _arrived=time.monotonic(),
+        _commands=SimpleNamespace(publish=lambda twist: sent.append(twist.linear.x)),
+        _rate=SimpleNamespace(sleep=lambda: time.sleep(0.02)),
+    )
+    began = time.monotonic()
+    refused(lambda: base.drive(-0.5, 0.0, lambda: False), "stopped: no odometry for 0.5 s")
+    assert time.monotonic() - began < 5.0
+    assert (sent[0], sent[-1]) == (-0.5, 0.0)
+
+
 def test_the_command_does_not_drive_without_confirmation_that_the_way_is_free(robot):
     for options, remedy in (((), "give --yes"), (("--yes", "--free", "1"), "--free 1 ")):
         ended = measure("--free", "6", *options)
@@ -145,8 +173,15 @@ def test_the_printed_braking_limits_hold_for_every_run(robot):
     )
     assert ended.status == 0, ended.text
     limits_line = ended.text.splitlines()[-1]
-    printed_limits = re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", limits_line)
-    reaction_s, brake, turn_brake = map(float, printed_limits.groups())
+    printed = yaml.safe_load(limits_line)["monitor"]
+    # The line replaces that of robot.yaml.
+    assert printed.keys() == JACKAL.monitor.model_dump().keys()
+    assert printed["turn_ahead"] == JACKAL.monitor.turn_ahead
+    reaction_s = printed["reaction_time"]
+    brake = printed["deceleration"]
+    turn_brake = printed["yaw_deceleration"]
+    (largest_gain,) = re.findall("turn rate over commanded turn rate: .* to (.*)", ended.text)
+    assert printed["turn_gain"] == pytest.approx(max(1.0, float(largest_gain)), abs=0.011)
     assert 0.10 < reaction_s < 0.35 + ended.waited
     # It is rounded down, and depends on the angles at which the wheels lock.
     assert 0.3 <= brake < 7.0

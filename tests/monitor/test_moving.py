@@ -433,5 +433,14 @@ def test_gaps_are_behind_the_nearer_beam_on_the_farther_one():
     assert distances[bearings.round(2) == 0.0].max() < 1.0 + HIDING_M + 0.1
     assert 1.8 < distances.max() < 2.0
 
+    # The ends of a full turn are neighbours.
+    around = np.full(360, 1.0, np.float32)
+    around[:20] = np.inf
+    increment = 2.0 * np.pi / 360
+    whole_turn = LaserScan(0.0, 0.0, increment, 0.1, 2.0, around, (0.0, 0.0, 0.0))
+    begun_behind = replace(whole_turn, angle_min=-np.pi, ranges=np.roll(around, 180))
+    points = [np.unique(gaps_in(turned).round(6), axis=0) for turned in (whole_turn, begun_behind)]
+    np.testing.assert_allclose(*points, atol=1e-5)
+
     (first, *_) = hidden_discs(np.array([[2.0, 0.0]]), (1.0, 0.0, 0.0), 0.1, 0.8)
     assert (first["x"], first["growth"], first["radius"], first["age"]) == (1.0, 0.8, 0.0, 0.1)

@@ -16,10 +16,10 @@ from applr_ros1.monitor.stopping import (
     BodyPose,
     Braking,
     SeenCells,
+    braking_time,
     is_deeper,
     is_seen,
     obstacles_of,
-    braking_time,
     penetration,
 )
 from tests.monitor import scenes

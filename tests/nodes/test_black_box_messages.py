@@ -14,6 +14,7 @@ from std_msgs.msg import Bool
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
+from applr_ros1.nodes.black_box import node as node_module
 from applr_ros1.nodes.black_box.messages import deserialize
 from applr_ros1.nodes.black_box.node import BlackBoxNode, marker_of, names_of, stop_message
 from applr_ros1.robots import JACKAL
@@ -112,6 +113,30 @@ def test_parameters_of_another_node_are_a_problem_and_no_end(monkeypatch, tmp_pa
     node._search()
     assert node._problem == ""
     assert node._box is not None
+
+
+def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(monkeypatch, tmp_path):
+    master = MagicMock()
+    monkeypatch.setattr(rosgraph, "Master", lambda name: master)
+    plan_topic = "/move_base/NavfnROS/plan"
+    master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
+    master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
+    parameters = {"robot": "jackal"}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
+    for name in ("Publisher", "Subscriber", "Service"):
+        monkeypatch.setattr(rospy, name, MagicMock())
+    described = []
+    box = MagicMock(describe=lambda driven: described.append(driven.robot.local_planner))
+    monkeypatch.setattr(node_module, "BlackBox", lambda driven, *_: box)
+    names, given = names_of({}, JACKAL)
+    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
+
+    for address in ("http://robot:1", "http://robot:1", "http://robot:2"):
+        master.lookupNode.return_value = address
+        node._search()
+        parameters["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
+
+    assert described == ["DWAPlannerROS"], "at the new address alone"
 
 
 # The program of the process, on a robot without the packages of a desk

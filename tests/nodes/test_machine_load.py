@@ -4,7 +4,8 @@ import pytest
 import rospy
 
 from applr_ros1.nodes.conversions import diagnostics
-from applr_ros1.nodes.tools.machine_load import LATE, SKIPPED, MachineLoad
+from applr_ros1.nodes.move_base.reports import SKIPPED
+from applr_ros1.nodes.tools.machine_load import LATE, MachineLoad
 
 
 def report(load, **counters):

@@ -2,6 +2,8 @@
 
 import io
 import math
+import shutil
+import xmlrpc.client
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +16,7 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1 import robots
 from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
+from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS, FAR_POINT, DimensionlessEncoding
 from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
@@ -149,10 +152,22 @@ def test_no_encoding_needs_more_than_the_plan_of_a_decision(name):
     assert 1.3 * longest_lookahead < FARTHEST_M * robot.world_scale
 
 
+def test_empty_values_of_a_robots_files_do_not_reach_the_parameter_server(tmp_path):
+    """XML-RPC cannot hold None, and move_base would end without a word of the file."""
+    folder = tmp_path / "burger"
+    shutil.copytree(robots.load("turtlebot3_burger").folder, folder)
+    costmap_file = next(folder.rglob("costmap_common_params*.yaml"))
+    costmap_file.write_text(costmap_file.read_text() + "\nfootprint_padding:\nempty_section:\n")
+    tree, _ = with_robot({"robot": str(folder)})
+    assert "empty_section" not in str(tree)
+    xmlrpc.client.dumps((tree,))
+
+
 def test_fields_of_the_parameters_are_named_for_plotting():
-    message = applr_topics.parameters_message(np.arange(8.0), rospy.Time(3))
+    theta = np.arange(float(len(SPACE)))
+    message = applr_topics.parameters_message(theta, rospy.Time(3))
     assert message.names == list(SPACE.names)
-    assert message.values == list(range(8))
+    assert message.values == theta.tolist()
     assert message.multipliers == [1.0] * len(SPACE.names)
     # The fields have the names of move_base's parameters.
     assert message.max_vel_x == 0.0

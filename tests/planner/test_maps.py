@@ -357,6 +357,19 @@ SCAN = LaserScan(
 )
 
 
+def test_lasers_of_one_topic_may_have_different_delays():
+    buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))
+    router = router_of(buffer)
+    for cycle in range(3):
+        now = 10.0 + 0.05 * cycle
+        router.take({"scan": replace(SCAN, stamp=now - 0.02, frame="front")}, now, None)
+        router.take({"scan": replace(SCAN, stamp=now - 0.11, frame="rear")}, now, None)
+        # An old scan of the same laser is none.
+        router.take({"scan": replace(SCAN, stamp=now - 0.2, frame="front")}, now, None)
+    expected = [10.08, 10.03, 9.99, 9.98, 9.94, 9.89]
+    assert sorted(stamps(buffer), reverse=True) == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("step_back", [0.05, 0.45, 30.0])
 def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(step_back):
     buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))

@@ -267,6 +267,15 @@ def test_switched_off_the_planner_has_the_defaults_and_on_again_the_course_goes_
     assert speed(supervisor.rest()) == 1.5
 
 
+def test_switched_on_once_more_a_method_drives_on():
+    supervised = Supervised(Chooses(FAST, static=True))
+    supervised.begin(0.0)
+    in_force = supervised.supervisor.in_force
+    supervised.supervisor.switch(True)
+    assert supervised.supervisor.has_rested
+    assert supervised.supervisor.in_force == in_force
+
+
 def test_parameters_set_by_hand_stay_until_the_method_is_switched_on():
     supervised = Supervised(max_speed=1.6)
     supervised.begin(0.0)

@@ -137,6 +137,16 @@ def test_a_map_has_its_own_frame():
     assert waffle.on_map().parameters()["global_costmap"]["global_frame"] == "map"
 
 
+def test_a_map_whose_frame_is_the_default_has_its_own_frame():
+    husky = robots.load("husky")
+    without_map, with_map = husky.move_base
+    global_costmap = dict(with_map["global_costmap"])
+    del global_costmap["global_frame"]
+    setup = MoveBaseSetup(without_map, {**with_map, "global_costmap": global_costmap})
+    on_map = replace(husky, move_base=setup).on_map()
+    assert on_map.in_matched_frame() is on_map
+
+
 def test_a_robot_whose_costmaps_are_in_the_frame_of_a_slam_keeps_it():
     without_map, with_map = robots.JACKAL.move_base
     global_costmap = {**without_map["global_costmap"], "global_frame": "map"}

@@ -174,9 +174,7 @@ def whole_drive(robot):
         plans=Plans(times[:2], plans),
         planned=Commands(times, twists),
         commands=Commands(times[1:], 0.5 * twists[1:]),
-        verdicts=Verdicts(
-            times[:2], ["stop", "pass"], ["a wall is near: 0.1 m", ""], [True, False]
-        ),
+        verdicts=Verdicts(times[:2], ["stop", "pass"], ["a wall is near: 0.1 m", ""]),
         changes=Changes(times[:2], ["DWAPlannerROS", "local_costmap"], changed_values),
         decisions=[
             Decision("first", 1.0, 1.0, values, decided_values, seen),

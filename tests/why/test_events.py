@@ -267,12 +267,12 @@ def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
     assert reason(0.5) == ""
 
     # A monitor that slows it to nothing is one.
-    slowed = Verdicts(np.array([0.0]), ["slow"], ["limited: a wall"], [False])
+    slowed = Verdicts(np.array([0.0]), ["slow"], ["limited: a wall"])
     commands = Commands(planned.time, 0.0 * planned.twist)
     drive = replace(stopped, commands=commands, verdicts=slowed)
     monitor_words = "the collision monitor lets nothing of 0.50 m/s pass: limited: a wall"
     assert reasons.stopped(stretch_of(drive)) == monitor_words
-    passed = Verdicts(np.array([0.0]), ["pass"], [""], [False])
+    passed = Verdicts(np.array([0.0]), ["pass"], [""])
     assert reasons.stopped(stretch_of(replace(drive, verdicts=passed))).startswith(nothing)
 
 
@@ -280,8 +280,7 @@ def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
     def held(*rows):
         """Return the reason by verdicts (time, action, reason), which come with each change."""
         times, actions, words = zip(*rows)
-        blocked = [action == "stop" for action in actions]
-        verdicts = Verdicts(np.array(times), list(actions), list(words), blocked)
+        verdicts = Verdicts(np.array(times), list(actions), list(words))
         return reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
 
     # The stretch lasts from 3 to 6 s.
@@ -296,7 +295,7 @@ def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
 def test_a_reversal_that_the_monitor_delays_is_a_reason_and_other_braking_is_none(stopped):
     def held(since, reason):
         """Return the reason if the monitor brakes the base from a time [s] on."""
-        verdicts = Verdicts(np.array([1.0, since]), ["pass", "brake"], ["", reason], [False, False])
+        verdicts = Verdicts(np.array([1.0, since]), ["pass", "brake"], ["", reason])
         return reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
 
     # The stretch lasts from 3 to 6 s.
@@ -317,7 +316,7 @@ def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_back
         times = np.column_stack([seconds, seconds + blocked_s]).ravel()
         actions = ["stop", "pass"] * len(seconds)
         words = ["a wall", ""] * len(seconds)
-        verdicts = Verdicts(times, actions, words, [True, False] * len(seconds))
+        verdicts = Verdicts(times, actions, words)
         commanded = np.where(backing[:, None], (-0.1, 0.0), twists)
         commands = Commands(planned.time, commanded)
         return reasons.held(stretch_of(replace(stopped, planned=commands, verdicts=verdicts)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from applr_ros1.policy.actor import forward, layers_of
 from applr_ros1.policy.layout import Layout
-from applr_ros1.policy.observation import LAYOUT
+from applr_ros1.policy.observation import LAYOUT, scaled, without_gaps
 
 HIDDEN = 64  # number of hidden units
 STEPS = 500  # number of gradient steps
@@ -26,13 +26,12 @@ ClassifierWeights = Dict[str, np.ndarray]
 
 
 def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
-    """Return ranges (n, beams) [m] scaled to [-1, 1] as float32, as in policy/observation.py."""
-    range_cap = layout.range_cap
-    known_ranges = np.nan_to_num(
-        np.asarray(ranges, np.float32), nan=range_cap, posinf=range_cap, neginf=0.0
-    )
-    capped_ranges = np.clip(known_ranges, 0.0, range_cap)
-    return capped_ranges * (2.0 / range_cap) - 1.0
+    """Return scans (n, beams) [m] as a policy gets them, in [-1, 1].
+
+    Raises:
+        ObservationError: No beam of a scan is valid.
+    """
+    return np.array([scaled(without_gaps(scan, layout), layout) for scan in ranges])
 
 
 def train(

@@ -92,22 +92,26 @@ def instants(drive: Drive) -> Demonstration:
     times = scans.stamp[scan_rows]
     motion_rows = nearest_rows(motion.stamp, times)
     is_located = np.abs(motion.stamp[motion_rows] - times) < NEAR_S
+    # A policy gets no scan without a valid beam, either.
+    ranges_of_instants = [scans.ranges[scan_row] for scan_row in scan_rows.tolist()]
+    sees = [bool(np.nan_to_num(ranges, nan=0.0).any()) for ranges in ranges_of_instants]
+    is_usable = is_located & np.array(sees)
     commands = _commands(all_commands, times)
 
     # The demonstration begins and ends with driving.
     has_motion = np.abs(commands).max(axis=1) > DRIVING_SPEED
-    moving_rows = np.flatnonzero(has_motion & is_located)
+    moving_rows = np.flatnonzero(has_motion & is_usable)
     driven_s = len(moving_rows) * CONTROL_PERIOD
     if driven_s < SHORTEST_S:
         raise BagError(
             f"{driven_s:.1f} s of driving are too little: record {SHORTEST_S:g} s or more"
         )
     chosen_rows = np.arange(moving_rows[0], moving_rows[-1] + 1)
-    chosen_rows = chosen_rows[is_located[chosen_rows]]
+    chosen_rows = chosen_rows[is_usable[chosen_rows]]
 
     elapsed_times = times[chosen_rows] - times[chosen_rows[0]]
     scan_rows = scan_rows[chosen_rows]
-    ranges = [scans.ranges[scan_row] for scan_row in scan_rows.tolist()]
+    ranges = [ranges_of_instants[row] for row in chosen_rows.tolist()]
     motion_rows = motion_rows[chosen_rows]
     poses = motion.pose[motion_rows]
     # Without a goal, the planner of the fit drives to where the demonstration ended.

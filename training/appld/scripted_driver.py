@@ -197,6 +197,8 @@ def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
         offsets.append(np.column_stack([offset_x, offset_y]))
         gaps.append(np.hypot(outside_along, outside_across))
 
+    if not gaps:
+        return np.zeros_like(points)
     # The nearest obstacle of each point
     nearest_obstacles = np.argmin(gaps, axis=0)
     point_rows = np.arange(len(points))

@@ -13,7 +13,7 @@ from typing import List, NamedTuple
 import numpy as np
 import scipy
 
-from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.observation import layout_of, without_gaps
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.appld.demonstration import Demonstration, policy_scans
@@ -60,10 +60,8 @@ def features(demonstration: Demonstration, robot: Robot) -> np.ndarray:
 
     # Beyond its cap, a range counts as open space, as it does for a policy.
     layout = layout_of(robot)
-    range_cap = layout.range_cap
-    measured = np.asarray(policy_scans(demonstration, robot), np.float64)
-    ranges = np.nan_to_num(measured, nan=range_cap, posinf=range_cap, neginf=0.0)
-    ranges = ranges.clip(max=range_cap)
+    scans = [without_gaps(scan, layout) for scan in policy_scans(demonstration, robot)]
+    ranges = np.array(scans, np.float64).clip(0.0, layout.range_cap)
     free_distances = []
     for bearing, width in (AHEAD, RIGHT, LEFT):
         free_distances.append(ranges[:, layout.sector(bearing, width)].min(axis=1))

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import FileError, check_regular, reading
-from applr_ros1.drives.columns import SECOND, TopicNames
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.received import drive_from, received, sources_of
 from applr_ros1.robots import JACKAL, Robot
@@ -41,13 +41,11 @@ class OpenBag:
 
     Attributes:
         types: {topic: type} of its messages.
-        begin: Time of its first message [s, by the clock of the recorder].
     """
 
     def __init__(self, reader: AnyReader, name: str):
         self._reader = reader
         self._name = name
-        self.begin: float = reader.start_time / SECOND
         self.types: Dict[str, str] = {}
         for connection in reader.connections:
             # ROS 2's recorder also lists topics without messages.

@@ -58,6 +58,14 @@ class Comparison(NamedTuple):
         return self.difference.value < 0.0 and self.p < level
 
 
+def corrected(rival_count: int) -> float:
+    """Return the significance level for each of several rivals, by Bonferroni's correction.
+
+    Each is another chance to be better by luck.
+    """
+    return LEVEL / max(rival_count, 1)
+
+
 def compare(scores: ArrayLike, others: ArrayLike) -> Comparison:
     """Compare the mean scores (n,) [s] of two methods in n worlds, driven with the same seeds."""
     method_scores = np.asarray(scores, dtype=np.float64)

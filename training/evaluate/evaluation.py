@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import time
 from functools import partial
@@ -11,6 +12,7 @@ import numpy as np
 from pydantic import ConfigDict
 from tqdm import tqdm
 
+from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.geometry import outline, radius
@@ -25,6 +27,8 @@ from training.evaluate.trial import Result, Trial, plan_trials
 from training.workers.pool import Pool
 from worlds.loading import SPECIFICATIONS
 
+# Options that a continued evaluation must have again
+CONDITIONS = {"simulator", "protocol", "monitor", "matched", "movers", "seed"}
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -82,20 +86,21 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
         missing = len(table.missing(plan))
         done = len(plan) - missing
         _LOGGER.info("%d trials to drive, %d left out: in the table", missing, done)
+        if not missing:
+            return {trial: table.result(trial) for trial in plan}
         bar = tqdm(total=len(plan), initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
         try:
             with bar, Pool(min(options.workers, missing), options.ray_address) as pool:
                 return drive(pool, runner, table, plan, show)
         finally:
             # Also after Ctrl-C: the report adds up the time of all sessions.
-            if missing:
-                session = provenance(options.seed)
-                session["trials"] = table.added
-                session["wall_s"] = round(time.monotonic() - began, 1)
-                table.note(
-                    wall_s=round(table.notes.get("wall_s", 0.0) + session["wall_s"], 1),
-                    provenance=[*table.notes.get("provenance", []), session],
-                )
+            session = provenance(options.seed)
+            session["trials"] = table.added
+            session["wall_s"] = round(time.monotonic() - began, 1)
+            table.note(
+                wall_s=round(table.notes.get("wall_s", 0.0) + session["wall_s"], 1),
+                provenance=[*table.notes.get("provenance", []), session],
+            )
             table.order(plan)
 
 
@@ -121,6 +126,9 @@ def settings(
             "period_s": method.period,
             "redraws_stalled": method.redraws_stalled and not is_loaded,
         }
+        if methods.USER_METHOD.match(specification):
+            source = inspect.getsourcefile(type(method))
+            described[name]["source_sha256"] = sha256(read_bytes(source)) if source else ""
         # Only a method with a range of its own has it, so that older evaluations can be continued.
         if method.obstacle_range is not None:
             described[name]["obstacle_range"] = method.obstacle_range
@@ -146,7 +154,7 @@ def settings(
             "space": space_of(robot).to_dict(),
             "sha256": content(robot),
         },
-        **options.model_dump(include={"simulator", "protocol", "monitor", "movers", "seed"}),
+        **options.model_dump(include=CONDITIONS),
         "planner": planner,
         "ground": robot.simulation.ground,
     }

@@ -18,7 +18,7 @@ from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.page import SCENE
 from training.common.folders import make_folder
 from training.evaluate import drives_page
-from training.evaluate.compare import LEVEL, Comparison
+from training.evaluate.compare import Comparison, corrected
 from training.evaluate.profiles import profiles
 from training.evaluate.stored import SETS, TEST, Results
 from training.evaluate.tables import TABLES
@@ -107,6 +107,8 @@ def facts(results: Results) -> List[str]:
     planner = settings["planner"]
     if settings["monitor"]:
         planner += ", with the collision monitor"
+        if settings.get("matched"):
+            planner += " in the frame of its matched poses"
     if settings["movers"]:
         planner += ", with predicted moving obstacles"
     # An evaluation that was stopped has driven some methods or worlds less often than others.
@@ -156,9 +158,11 @@ def comparisons(results: Results) -> Dict[str, Comparison]:
 def summary(results: Results) -> List[str]:
     """Return a line per rival: its comparison with the baseline."""
     trials = judged_trials(results)
+    comparison_of = comparisons(results)
+    level = corrected(len(comparison_of))
     lines = []
-    for method, comparison in comparisons(results).items():
-        lines.append(compared(trials, method, results.baseline, comparison))
+    for method, comparison in comparison_of.items():
+        lines.append(compared(trials, method, results.baseline, comparison, level))
     return lines
 
 
@@ -170,4 +174,5 @@ def headline(results: Results) -> str:
     # A difference is a method's mean score less the baseline's [s]: the lowest is the best.
     method = min(comparison_of, key=lambda rival: comparison_of[rival].difference.value)
     arrivals = arrivals_of(judged_trials(results), method, results.baseline)
-    return sentence(method, results.baseline, comparison_of[method].better(LEVEL), arrivals)
+    is_better = comparison_of[method].better(corrected(len(comparison_of)))
+    return sentence(method, results.baseline, is_better, arrivals)

@@ -303,8 +303,9 @@ def table_4(results: Results) -> TableRows:
 @table(
     "Arrivals, contacts, and BARN's metric",
     "With Wilson's 95 % interval, widened if trials in one world resemble each other. Moving: "
-    "trials in which the robot was faster than 0.1 m/s when it was first touched. BARN's metric is "
-    "comparable with the Challenge's numbers only under --protocol barn-challenge.",
+    f"trials in which the robot was faster than {MOVING_M_S:g} m/s when it was first touched. "
+    "BARN's metric is comparable with the Challenge's numbers only under --protocol "
+    "barn-challenge.",
 )
 def rates(results: Results) -> TableRows:
     """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""

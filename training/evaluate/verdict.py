@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
-from training.evaluate.compare import LEVEL, Comparison, compare
+from training.evaluate.compare import LEVEL, Comparison, compare, corrected
 from training.evaluate.score import SECONDS_RULE, TrialCost, mean_scores, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
 
@@ -75,8 +75,7 @@ def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> ComparisonVerdict
     table = _table(trials).join(worst.rename("worst tenth, cost [s]"))
     lines = [str(table.round(2).rename_axis(None).to_string())]
     rivals = scores.columns.drop(BASELINE)
-    # Bonferroni's correction: each rival is another chance to be better by luck.
-    level = LEVEL / len(rivals)
+    level = corrected(len(rivals))
     better = []
     for method in rivals:
         comparison = compare(scores[method], scores[BASELINE])

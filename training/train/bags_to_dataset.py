@@ -86,19 +86,17 @@ def run(options: DatasetOptions) -> None:
     all_skipped: Counter[str] = Counter()
     rows: List[Dict[str, Any]] = []
     periods = set()
-    driven_seconds = 0.0
     for bag in bags:
         episodes: List[Trajectory] = []
         skipped: Counter[str] = Counter()
-        period = 0.0
         try:
             with opened(bag) as open_bag:
                 recorded = open_bag.drive(robot, topics, COLUMNS)
                 episodes, skipped = transitions(
                     recorded, robot, learnt.observation, reward, options.finish, topics
                 )
-                if episodes:
-                    period = decision_period(recorded)
+                period = decision_period(recorded)
+                if episodes and period is not None:
                     periods.add(period)
         except BagError as error:
             # The message begins with the bag's name; bags with the same problem count together.
@@ -106,7 +104,6 @@ def run(options: DatasetOptions) -> None:
         all_episodes += episodes
         all_skipped += skipped
         count = sum(map(len, episodes))
-        driven_seconds += count * period
         rows.append(
             {"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped}
         )
@@ -114,17 +111,20 @@ def run(options: DatasetOptions) -> None:
         print(f"{bag}: {count} transitions in {len(episodes)} episodes{reasons}")
     if not all_episodes:
         raise BagError("no transition is usable: see the reasons above")
+    if len(periods) > 1:
+        listed = ", ".join(f"{period:g}" for period in sorted(periods))
+        raise BagError(
+            f"the bags differ in decision period [s], {listed}: give those of one period"
+        )
+    (only_period,) = periods or {PERIOD}
 
     # Settings that train.py compares with its options (dataset_of in learner/prepare.py)
     about: Dict[str, Any] = {"bags": rows, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
-    if len(periods) == 1:
-        about["decision_period"] = round(periods.pop(), 3)
-    else:
-        listed = ", ".join(f"{period:g}" for period in sorted(periods))
-        print(f"the bags differ in decision period [s]: {listed}")
+    about["decision_period"] = round(only_period, 3)
     dataset.write(make_folder(folder), layout, all_episodes, about)
-    print(f"{options.out}: {dataset.describe(sum(map(len, all_episodes)), driven_seconds)}")
+    count = sum(map(len, all_episodes))
+    print(f"{options.out}: {dataset.describe(count, count * only_period)}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.clocks import scans_apart
 from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Measured, Motion, Scans
-from applr_ros1.drives.end_rules import TIME_LIMIT
+from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Leg, Outcome, outcome_of
 from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
@@ -128,7 +128,7 @@ def transitions(
     Raises:
         BagError: The drive lacks required data.
     """
-    encoding = ENCODINGS[observation](robot, decision_period(drive))
+    encoding = ENCODINGS[observation](robot, decision_period(drive) or PERIOD)
     recorded = _recorded(drive, encoding, topics)
     trajectories: List[Trajectory] = []
     skipped: Counter[str] = Counter()
@@ -186,10 +186,10 @@ def _observed(decisions: Sequence[Decision]) -> List[Observed]:
 
 
 # -- courses ---------------------------------------------------------------------------------------
-def decision_period(drive: Drive) -> float:
-    """Return the decision period [s], in whole control cycles.
+def decision_period(drive: Drive) -> Optional[float]:
+    """Return the decision period [s], in whole control cycles, or None if no goal shows it.
 
-    It is the median interval between a goal's decisions, or the paper's period if no goal has two.
+    It is the median interval between a goal's decisions.
     """
     times_by_goal: Dict[str, List[float]] = {}
     for decision in drive.decisions:
@@ -198,7 +198,7 @@ def decision_period(drive: Drive) -> float:
     for times in times_by_goal.values():
         intervals.extend(np.diff(times))
     if not intervals:
-        return PERIOD
+        return None
     cycles = max(1, round(float(np.median(intervals)) / CONTROL_PERIOD))
     return round(cycles * CONTROL_PERIOD, 9)
 
@@ -391,7 +391,7 @@ def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Traject
         actions.append(encoding.action(before.theta))
         outcome = after.outcome
         # A recorded drive may take longer than a trial: nothing is left of the limit then.
-        limit = max(round(TIME_LIMIT / encoding.period), outcome.decisions)
+        limit = max(Rules().periods(encoding.period), outcome.decisions)
         total_reward, _ = reward(outcome, limit, encoding.period, encoding)
         rewards.append(total_reward)
     observations = [state.observation for state in run]

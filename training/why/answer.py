@@ -7,6 +7,7 @@ from typing import List, NamedTuple, Optional, Sequence
 import numpy as np
 
 from applr_ros1.common.paths import distances
+from applr_ros1.why import alternatives
 from applr_ros1.why.alternatives import Alternative
 from applr_ros1.why.answer import best_guess, certainty_of, indented, sentence, what_happened
 from applr_ros1.why.diagnosis import Diagnosis
@@ -138,7 +139,7 @@ def tried_rows(answer: Answer) -> List[str]:
     if answer.trials is not None:
         rows += driven_rows(answer.trials)
     if answer.guesses:
-        rows.append("Guesses of the replay, two seconds ahead:")
+        rows.append(f"{alternatives.heading(answer.diagnosis.replay)}:")
         rows += indented(answer.guesses[:LISTED])
     return rows
 

@@ -23,7 +23,6 @@ from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.recording import Recording
-from training.bags.read import opened
 from training.why.answer import Answer, outside_lines
 from training.why.candidates import Candidate
 from training.why.recorded import BagAnswerOptions, NotReplayedError, with_description
@@ -95,7 +94,7 @@ class BagAnswer(Stored):
         robot: Name of the robot.
         length: Length of the robot [m].
         scale: Size of the robot relative to the Jackal's.
-        begin: Time of the bag's first message [s, by the clock of its recorder].
+        begin: Time at which the drive begins [s, by the clock of its recorder].
         frame: Frame of all places.
         is_shared: Whether drives share the frame, as a map's. Odometry begins anew at each start.
         origin: Pose (x, y, yaw) of the drive's own frame in this one.
@@ -104,6 +103,7 @@ class BagAnswer(Stored):
         guess: The guess in words; "" without one.
         commands: Number of recorded commands.
         reproduced: Number of those that the replay reproduces.
+        is_doubtful: Whether the planner's reasons in the replay are not to be trusted.
         track: Time [s] and place x, y [m] of the robot.
         seen: Places x, y [m] of what the laser saw.
         values: Values of the bag's own page; without "track" if the bag has none.
@@ -123,6 +123,7 @@ class BagAnswer(Stored):
     guess: str = ""
     commands: int = 0
     reproduced: int = 0
+    is_doubtful: bool = False
     track: List[List[float]]
     seen: List[List[float]] = []
     values: Dict[str, Any]
@@ -157,23 +158,20 @@ def answer_to(path: Path, options: BagAnswerOptions) -> AnsweredBag:
         ApplrError: The bag cannot be read, or has nothing to answer from.
     """
     options = with_description(path, options)
-    with opened(path) as bag:
-        begin = bag.begin
     try:
         replay = replay_in(path, options)
     except NotReplayedError as problem:
-        return AnsweredBag(_outside_answer(problem, options.robot, begin), None)
+        return AnsweredBag(_outside_answer(problem, options.robot), None)
     check_cycles(path, replay)
     diagnosis = diagnose(replay)
-    return _replayed_answer(diagnosis, begin, options.quick)
+    return _replayed_answer(diagnosis, options.quick)
 
 
-def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> AnsweredBag:
+def _replayed_answer(diagnosis: Diagnosis, is_quick: bool) -> AnsweredBag:
     """Return the answer to a replayed drive.
 
     Args:
         diagnosis: Its diagnosis.
-        begin: Time of the bag's first message [s].
         is_quick: Whether nothing is to be driven in simulation.
     """
     replay = diagnosis.replay
@@ -196,7 +194,7 @@ def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> Answ
         robot=replay.robot.name,
         length=float(np.ptp(footprint_x)),
         scale=replay.robot.world_scale,
-        begin=begin,
+        begin=recording.drive.recorded_at,
         frame=placed.name,
         is_shared=placed.is_shared,
         origin=placed.origin,
@@ -205,6 +203,7 @@ def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> Answ
         guess=str(guess.change) if guess else "",
         commands=replay.commands,
         reproduced=replay.reproduced,
+        is_doubtful=replay.is_poor,
         track=_track(odometry, placed.origin),
         seen=_placed(np.array(values["map"]), placed.origin),
         values=values,
@@ -214,13 +213,12 @@ def _replayed_answer(diagnosis: Diagnosis, begin: float, is_quick: bool) -> Answ
     return AnsweredBag(answer, course.conditions if course else None)
 
 
-def _outside_answer(problem: NotReplayedError, robot: Robot, begin: float) -> BagAnswer:
+def _outside_answer(problem: NotReplayedError, robot: Robot) -> BagAnswer:
     """Return what is known of a drive that is not replayed.
 
     Args:
         problem: The drive, and why it is not replayed.
         robot: Robot that drove.
-        begin: Time of the bag's first message [s].
     """
     drive = problem.drive
     view = seen_from_outside(drive, problem.odometry, robot)
@@ -234,7 +232,7 @@ def _outside_answer(problem: NotReplayedError, robot: Robot, begin: float) -> Ba
         robot=robot.name,
         length=box.front - box.back,
         scale=robot.world_scale,
-        begin=begin,
+        begin=drive.recorded_at,
         frame=drive.frame,
         is_shared=False,
         origin=own_frame,
@@ -282,10 +280,10 @@ def placed_frame(recording: Recording, event: Optional[Event]) -> PlacedFrame:
     """
     drive = recording.drive
     own_frame: Pose = (0.0, 0.0, 0.0)
-    is_odometry = drive.frame in drive.frames.get("odometry", [drive.frame])
-    if drive.frame == recording.robot.frames.map or not is_odometry:
+    if _is_shared(drive.frame, recording):
         return PlacedFrame(drive.frame, True, own_frame)
-    if drive.routes is None or not drive.frames.get("routes"):
+    route_frames = drive.frames.get("routes")
+    if drive.routes is None or not route_frames or not _is_shared(route_frames[0], recording):
         return PlacedFrame(drive.frame, False, own_frame)
     placed_routes = route_frame(drive, Tree(drive.transforms), recording.planned)
     if placed_routes is None:
@@ -294,7 +292,17 @@ def placed_frame(recording: Recording, event: Optional[Event]) -> PlacedFrame:
     if event is not None:
         row = max(recording.planned.latest(event.begin), 0)
     x, y, yaw = placed_routes.at_commands[row].tolist()
-    return PlacedFrame(drive.frames["routes"][0], True, (x, y, yaw))
+    return PlacedFrame(route_frames[0], True, (x, y, yaw))
+
+
+def _is_shared(frame: str, recording: Recording) -> bool:
+    """Return whether drives share a frame. Odometry and matched poses begin anew at each start."""
+    *_, name = frame.split("/")
+    if name == recording.robot.frames.map:
+        return True
+    drive = recording.drive
+    odometry_frames = drive.frames.get("odometry", [drive.frame])
+    return name != recording.robot.frames.matched and frame not in odometry_frames
 
 
 def _track(odometry: Motion, origin: Pose) -> List[List[float]]:

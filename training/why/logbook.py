@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -273,9 +274,18 @@ def _is_same(stop: LoggedStop, other: LoggedStop) -> bool:
     overlap = min(stop.end, other.end) - max(stop.begin, other.begin)
     if overlap <= OVERLAP * min(stop.end - stop.begin, other.end - other.begin):
         return False
-    # Simulated drives begin at the same time.
-    is_dated = stop.is_dated and other.is_dated
-    return is_dated or _is_one_drive(stop.bag.answer, other.bag.answer)
+    if stop.is_dated and other.is_dated:
+        return _is_one_place(stop, other)
+    # Simulated drives begin at the same time, and often at the same place.
+    return _is_one_drive(stop.bag.answer, other.bag.answer)
+
+
+def _is_one_place(stop: LoggedStop, other: LoggedStop) -> bool:
+    """Return whether two stops of robots of one name are at one place, of one robot then."""
+    if stop.bag.answer.frame != other.bag.answer.frame:
+        return False
+    distance = math.dist(stop.position, other.position)
+    return distance <= stop.bag.answer.length
 
 
 def _is_one_drive(answer: BagAnswer, other: BagAnswer) -> bool:

@@ -10,7 +10,7 @@ from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
 from typing_extensions import override
 
 from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.why.answer import POOR, indented, sentence
+from applr_ros1.why.answer import indented, sentence
 from applr_ros1.why.events import Event
 from training.why.answer import driven_rows, stops_near
 from training.why.common_change import CommonChange
@@ -172,10 +172,7 @@ def how_sure(logbook: Logbook, change: Optional[CommonChange]) -> str:
         sentence_parts.append(
             f"{logbook.reproduced:,} of {logbook.commands:,} commands reproduced ({share:.1%})"
         )
-    doubtful = 0
-    for bag in logbook.bags:
-        if bag.answer.commands and bag.answer.reproduced < POOR * bag.answer.commands:
-            doubtful += 1
+    doubtful = sum(bag.answer.is_doubtful for bag in logbook.bags)
     if doubtful:
         sentence_parts.append(
             f"few in {counted(doubtful, 'drive')}, whose planner's reasons are not to be trusted"

@@ -95,7 +95,7 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         # Topics that are options are not looked for.
         types = bag.types
         names = names_in(types, options.topics(), options.given_topics())
-        drive = with_planned(bag.drive(robot, names, CHANNELS))
+        drive = with_planned(bag.drive(robot, names, (*CHANNELS, "contacts")))
         # The black box records all plans, so that none was found if its bag has none.
         has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in types
         if is_other_planner(drive, robot):

@@ -8,6 +8,7 @@ import numpy as np
 
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.why import alternatives
 from applr_ros1.why.answer import headline
 from applr_ros1.why.events import Event
 from applr_ros1.why.explanation import Explanation
@@ -49,6 +50,7 @@ def values_of(answer: Answer) -> Dict[str, Any]:
         "notes": replay.drive.notes,
         **trials_values(answer.trials),
         "alternatives": list(map(str, answer.guesses)),
+        "alternatives_heading": alternatives.heading(replay),
         "events": event_values,
         "map": (cells * CELL_M).round(2).tolist(),
         "track": thinned(track),

@@ -421,7 +421,7 @@ if (D.alternatives.length) {
       "details",
       // Whole drives say more than guesses.
       {open: !tried.length},
-      make("summary", {}, "Guesses of the replay, two seconds ahead"),
+      make("summary", {}, D.alternatives_heading),
       make("ul", {}, ...D.alternatives.map(line => make("li", {}, readable(line)))),
     ),
   );

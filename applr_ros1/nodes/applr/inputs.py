@@ -18,6 +18,7 @@ from nav_msgs.msg import Path
 
 from applr_ros1.common.angles import Pose, transform_motions
 from applr_ros1.common.ros_node import LARGE_BUFFER
+from applr_ros1.common.scan import LEAST_LEVEL_COS
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors
@@ -26,7 +27,6 @@ from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import JACKAL, Robot
 
-LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
 STATUS_AGE_S = 2.0  # time without a status after which move_base counts as gone [s]
 SIMULTANEOUS_S = 0.5  # largest time between a plan and the first status of its goal [s]
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)

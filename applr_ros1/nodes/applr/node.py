@@ -102,7 +102,11 @@ class ApplrNode:
                 now = clock.now
                 if now >= beat_due:
                     self.topics.heartbeat(now)
-                    beat_due = now + rospy.Duration(self.supervisor.heartbeat_period)
+                    period = rospy.Duration(self.supervisor.heartbeat_period)
+                    # After a gap, move_base may have restored its start-up values.
+                    if not beat_due.is_zero() and now - beat_due > period:
+                        self.client.reapply()
+                    beat_due = now + period
                 if now >= report_due:
                     self._report(now)
                     report_due = now + rospy.Duration(REPORT_S)

@@ -5,8 +5,8 @@ Used by node.py.
 
 from __future__ import annotations
 
-from math import atan2, nan
-from typing import Any, Mapping
+from math import atan2
+from typing import Any, Dict, Mapping
 
 import numpy as np
 import rospy
@@ -15,6 +15,8 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header, Time
 
 from applr_ros1.common.angles import transform_point
+from applr_ros1.common.ros_node import policy_status
+from applr_ros1.drives.columns import plotted
 from applr_ros1.msg import Decision, Movers, Parameters
 from applr_ros1.nodes import conversions
 from applr_ros1.policy.observation import FARTHEST_M, beginning, local_goal
@@ -29,7 +31,7 @@ class ApplrTopics:
     def __init__(self, robot: Robot = JACKAL):
         self._space = space_of(robot)
         self._farthest = FARTHEST_M * robot.world_scale  # length of the plan in decisions [m]
-        self._name = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
+        self._name = policy_status()
         self._heartbeat = rospy.Publisher("applr/heartbeat", Time, queue_size=1)
         self._decision = rospy.Publisher("applr/decision", Decision, queue_size=5)
         self._course_end = rospy.Publisher("applr/course_end", Decision, queue_size=5)
@@ -129,23 +131,15 @@ def parameters_message(
     """
     message = Parameters()
     message.header.stamp = stamp
-
-    # The paper's parameters have fields of their own, which are easier to plot. They are NaN unless
-    # the space has the parameter.
-    field_names = set(message.__slots__) - {"header", "names", "values", "multipliers"}
-    for field_name in field_names:
-        setattr(message, field_name, nan)
-    if theta is None:
-        return message
+    values: Dict[str, float] = {}
+    if theta is not None:
+        values = dict(zip(space.names, np.asarray(theta, np.float64).tolist()))
     if multipliers is None:
         multipliers = np.ones(len(space))
-    message.names = list(space.names)
-    message.values = np.asarray(theta, np.float64).tolist()
-    message.multipliers = multipliers.tolist()
-    for parameter_name, value in zip(message.names, message.values):
-        target = space.targets[parameter_name][0]
-        for alias in (parameter_name, *target.names):
-            if alias in field_names:
-                setattr(message, alias, value)
-                break
+    message.names = list(values)
+    message.values = list(values.values())
+    message.multipliers = multipliers.tolist() if values else []
+    # The paper's parameters have fields of their own, which are easier to plot.
+    for field_name, value in plotted(values, space).items():
+        setattr(message, field_name, value)
     return message

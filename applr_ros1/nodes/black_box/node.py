@@ -33,7 +33,7 @@ from visualization_msgs.msg import Marker
 
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, run_script
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, status_name, until_shutdown
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.names import Connections, names_beside, names_in
 from applr_ros1.drives.received import TopicSource, received, sources_of
@@ -87,6 +87,7 @@ class BlackBoxNode:
         self._described = described
         self._names = names
         self._names_in_use = names
+        self._address = ""  # of the move_base whose parameters are in use
         self._given = given
         self._folder = folder
         self._ring = Ring(60.0 * minutes, MOST_BYTES)
@@ -124,6 +125,10 @@ class BlackBoxNode:
             types = dict(self._master.getPublishedTopics(""))
             published, subscribed, _ = self._master.getSystemState()
             names = names_in(types, self._names, self._given)
+            # Each start of a node has another address, and may have other parameters.
+            address = ""
+            if any(names.move_base in nodes for _, nodes in published):
+                address = self._master.lookupNode(names.move_base)
         except (OSError, rosgraph.MasterException) as problem:
             self._problem = f"the ROS master does not answer ({problem})"
             return
@@ -139,12 +144,13 @@ class BlackBoxNode:
             return
         self._problem = ""
         names = names_beside(move_base, types, names, self._given)
-        if self._box is None or names != self._names_in_use:
+        if self._box is None or names != self._names_in_use or address != self._address:
             try:
                 self._begin(names)
             except ApplrError as problem:  # The parameters of another node are no reason to end.
                 self._problem = f"{names.move_base}: {problem}"
                 return
+            self._address = address
         for topic, source in sources_of(types, names, CHANNELS).items():
             if topic not in self._subscribers:
                 self._subscribers[topic] = self._subscribed(topic, source)
@@ -248,9 +254,9 @@ class BlackBoxNode:
             values.update(last_stop=self._last_sentence)
         level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
         now = rospy.get_rostime()
-        status_name = (rospy.get_namespace() + "black_box").lstrip("/") + ": stops"
+        name = status_name("black_box", "stops")
         message = problem or "keeps the last minutes"
-        self._diagnostics.publish(conversions.diagnostics(status_name, level, message, values, now))
+        self._diagnostics.publish(conversions.diagnostics(name, level, message, values, now))
 
 
 def _unpacked(raw: RawMessage, source: TopicSource) -> Any:

@@ -35,12 +35,17 @@ LAST_ZEROS = 10  # number of zeros after the node's end
 
 
 class Heartbeat:
-    """Tells the guard over a pipe that the node is alive. Without a guard, does nothing."""
+    """Tells the guard over a pipe that the node is alive. Without a guard, does nothing.
 
-    def __init__(self) -> None:
+    Args:
+        topic: Resolved name of the topic of commands to the base, which the guard has to know.
+    """
+
+    def __init__(self, topic: str):
         self._pipe = int(os.environ.get(PIPE_VARIABLE, -1))
         if self._pipe >= 0:
             os.set_blocking(self._pipe, False)
+            os.write(self._pipe, topic.encode() + b"\n")
 
     def beat(self) -> bool:
         """Send a heartbeat. Return False if the guard has ended."""
@@ -64,15 +69,13 @@ def main() -> int:
             arguments.append(argument)
     init_node(node_name + GUARD_SUFFIX, argv=arguments)
     with until_shutdown():
-        return _watch(rospy.Publisher("cmd_vel", TwistMessage, queue_size=1, latch=True))
+        return _watch()
     return 0
 
 
-def _watch(commands: rospy.Publisher) -> int:
-    """Run the node and watch its heartbeats. Return its exit status.
-
-    commands: publisher of commands to the base.
-    """
+def _watch() -> int:
+    """Run the node and watch its heartbeats. Return its exit status."""
+    commands = _publisher("cmd_vel")
     # The base may still follow the last command of a killed monitor.
     commands.publish(TwistMessage())
     reading, writing = os.pipe()
@@ -86,8 +89,12 @@ def _watch(commands: rospy.Publisher) -> int:
     while not rospy.is_shutdown() and node.poll() is None:
         is_readable, _, _ = select.select([reading], [], [], ZEROS_S)
         if is_readable:
-            if os.read(reading, 4096):
+            received = os.read(reading, 4096)
+            if received:
                 last_beat = time.monotonic()
+                topic, newline, _ = received.partition(b"\n")
+                if newline and topic.decode() != commands.resolved_name:
+                    commands = _publisher(topic.decode())
             else:  # The node has closed the pipe because it is ending.
                 time.sleep(ZEROS_S)
         silence = time.monotonic() - last_beat
@@ -108,6 +115,11 @@ def _watch(commands: rospy.Publisher) -> int:
         rospy.logerr("%s; the base is stopped until roslaunch restarts the node", problem)
         publish_zeros(commands, LAST_ZEROS)
     return node.wait()
+
+
+def _publisher(topic: str) -> rospy.Publisher:
+    """Return a publisher of commands to the base."""
+    return rospy.Publisher(topic, TwistMessage, queue_size=1, latch=True)
 
 
 def publish_zeros(commands: rospy.Publisher, count: int) -> None:

@@ -5,7 +5,6 @@ The status of move_base gives the active goal, and its global plan the distance 
 
 from __future__ import annotations
 
-import math
 from typing import Optional, Tuple
 
 import rospy
@@ -14,7 +13,7 @@ from nav_msgs.msg import Path
 
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.nodes.conversions import goal_in
-from applr_ros1.stack.command_chain import Progress
+from applr_ros1.stack.command_chain import Progress, across
 
 STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
 NEVER = rospy.Time(0)
@@ -47,11 +46,9 @@ class MoveBaseProgress:
         self._goal = rospy.get_rostime(), goal_in(message, (GoalStatus.ACTIVE,))
 
     def _take_plan(self, message: Path) -> None:
-        """Store the straight distance between the ends of a plan; None without a plan."""
-        # move_base publishes an empty plan if planning fails.
-        distance = None
-        if message.poses:
-            begin_point = message.poses[0].pose.position
-            end_point = message.poses[-1].pose.position
-            distance = math.hypot(end_point.x - begin_point.x, end_point.y - begin_point.y)
-        self._plan = rospy.get_rostime(), distance
+        """Store the straight distance between the ends of a plan."""
+        ends = []
+        for stamped_pose in message.poses[:1] + message.poses[-1:]:
+            position = stamped_pose.pose.position
+            ends.append((position.x, position.y))
+        self._plan = rospy.get_rostime(), across(ends)

@@ -27,7 +27,7 @@ from std_msgs.msg import Bool, String
 
 from applr_ros1.common.angles import Twist
 from applr_ros1.common.errors import ApplrError, run_script, shown
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import command_topic, init_node, status_name, until_shutdown
 from applr_ros1.monitor.monitor import (
     BRAKE,
     PASS,
@@ -107,9 +107,8 @@ class CollisionMonitorNode:
         odometry_frame = prefix + robot.frames.odom
         self.sensors = Sensors.of_lasers(robot, prefix, odometry_frame, more_scans)
         self._broadcaster = FrameBroadcaster(odometry_frame, prefix + robot.frames.matched)
-        self._commands = rospy.Publisher(
-            robot.topics.cmd_vel, TwistMessage, queue_size=1, latch=True
-        )
+        topic = command_topic(robot.topics.cmd_vel)
+        self._commands = rospy.Publisher(topic, TwistMessage, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
@@ -128,7 +127,7 @@ class CollisionMonitorNode:
         Process scans, publish zeros while commands are missing, and report once per second.
         """
         report_due = time.monotonic()
-        heartbeat = Heartbeat()
+        heartbeat = Heartbeat(self._commands.resolved_name)
         while not rospy.is_shutdown():
             with self._lock:
                 try:
@@ -211,11 +210,8 @@ class CollisionMonitorNode:
 
     def _report_verdict(self, verdict: Verdict) -> None:
         """Publish action and reason of a verdict if they have changed."""
-        if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
-            action_text = verdict.action
-            if verdict.reason:
-                action_text += f": {verdict.reason}"
-            self._action.publish(action_text)
+        if verdict.text != self._verdict.text:
+            self._action.publish(verdict.text)
         self._verdict = verdict
 
     def _take_command(self, message: TwistMessage) -> None:
@@ -325,8 +321,8 @@ class CollisionMonitorNode:
             **self._reports.counts,
             **self.sensors.ages(now),
         }
-        status_name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
-        self._diagnostics.publish(conversions.diagnostics(status_name, level, message, values, now))
+        name = status_name("collision_monitor", "commands")
+        self._diagnostics.publish(conversions.diagnostics(name, level, message, values, now))
 
 
 def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:

@@ -151,8 +151,9 @@ class PlanDisplay:
         rows = local_planner.trajectory_cloud(costmap)
         if len(rows):
             self._sent = stamp.to_sec()
-            frame = self._parameters.get("global_frame_id", self._frame)
-            self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
+            # C++ stamps the cloud with global_frame_id, whatever the frame of its points is.
+            cloud = conversions.cloud(rows, TRAJECTORY_FIELDS, self._frame, stamp)
+            self._trajectories.publish(cloud)
 
     def _send(
         self, publisher: rospy.Publisher, poses: np.ndarray, stamp: rospy.Time, frame: str

@@ -38,7 +38,7 @@ from std_srvs.srv import Empty, EmptyResponse
 from applr_ros1.common.angles import Pose, compose, within_speed
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
-from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.common.ros_node import command_topic, init_node, until_shutdown
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
 from applr_ros1.nodes.robot_parameters import STARTING, with_robot
@@ -75,6 +75,7 @@ class MoveBaseNode:
     def __init__(self, tree: Dict[str, Any], robot: Optional[Robot] = None):
         self._space = SPACE
         odometry_topic = "odom"
+        cmd_vel_topic = "cmd_vel"
         no_return = None
         matched_frame = ""
         odometry_frame = ""
@@ -83,6 +84,7 @@ class MoveBaseNode:
             odometry_frame = robot.frames.odom
             self._space = space_of(robot)
             odometry_topic = robot.topics.odometry
+            cmd_vel_topic = robot.topics.cmd_vel
             no_return = robot.laser.no_return
         self.move_base = MoveBase(tree)
         parameters = self.move_base.parameters
@@ -112,7 +114,7 @@ class MoveBaseNode:
         self.reports = MoveBaseReports(time.monotonic())
         self._max_speed = parameters["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(parameters["applr"]["period"])
-        self._command = rospy.Publisher("cmd_vel", TwistMessage, queue_size=1)
+        self._command = rospy.Publisher(command_topic(cmd_vel_topic), TwistMessage, queue_size=1)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)

@@ -11,6 +11,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Sequence
 from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
 
+SKIPPED = "skipped_cycles"  # counter in /diagnostics of control cycles that were skipped
 PERIOD_S = 1.0  # wall time from one report to the next [s]
 MISSING_S = 5.0  # wall time after the start from which inputs that never arrived are missing [s]
 
@@ -77,7 +78,7 @@ class MoveBaseReports:
             Status(
                 "samples that critics refused", "no legal command" if refusals else "", refusals
             ),
-            Status("control loop", skipped_problem, {"skipped_cycles": self._skipped_count}),
+            Status("control loop", skipped_problem, {SKIPPED: self._skipped_count}),
         ]
 
     def missing_inputs(self, now: float, silent_topics: Sequence[str], pose_trouble: str) -> str:

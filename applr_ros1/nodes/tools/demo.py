@@ -48,6 +48,7 @@ from applr_ros1.drives.page import PageScene, Shown, contact_note, page, verdict
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES, Reading, pose_stamped, reading_of
+from applr_ros1.nodes.move_base.reports import SKIPPED
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry, load
@@ -55,7 +56,7 @@ from sim_bridge.ros_bridge import BASE_TIME_S
 
 from .bag_recorder import BagRecorder
 from .launcher import LaunchedNodes, given_arguments, launch_arguments, private_nodes, report
-from .machine_load import LATE, SKIPPED, MachineLoad
+from .machine_load import LATE, MachineLoad
 from .send_goal import course_goal
 
 STATUS = "/move_base/status"
@@ -304,7 +305,10 @@ class Observer:
             on_arrival = partial(self._on_message, topic)
             rospy.Subscriber(topic, message_type, on_arrival, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
-        odometry_topic = "/" + robot.topics.odometry.lstrip("/")
+        odometry_topic = values["odom_topic"]
+        if odometry_topic == "auto":
+            odometry_topic = robot.topics.odometry
+        odometry_topic = "/" + odometry_topic.lstrip("/")
         rospy.Subscriber(odometry_topic, Odometry, self._on_odometry, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import Any, Dict, Set
 
-# Counters in /diagnostics: cycles that move_base skipped, decisions of the applr node, late ones
-SKIPPED = "skipped_cycles"
+from applr_ros1.nodes.move_base.reports import SKIPPED
+
+# Counters in /diagnostics: decisions of the applr node, and late ones
 DECISIONS = "decisions"
 LATE = "late"
 SPOILED_SHARE = 0.1  # share of cycles or decisions from which on a drive says little

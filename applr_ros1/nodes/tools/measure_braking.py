@@ -24,6 +24,7 @@ from applr_ros1.nodes.conversions import Reading, reading_of, twist
 from applr_ros1.robots import load
 
 RATE_HZ = 20.0  # rate of commands [Hz]
+SILENT_S = 0.5  # longest wall time without odometry while the base moves [s]
 START_S = 30.0  # longest wall time until odometry and base are connected [s]
 DRIVING_S = 1.2  # duration of each run before braking [s]
 BRAKING_S = 6.0  # longest time for a base to come to rest [s]
@@ -160,6 +161,7 @@ class MeasuredBase:
     def __init__(self, command: str, odometry: str, free: float):
         self.free = free
         self.readings: List[Reading] = []
+        self._arrived = 0.0  # time.monotonic() of the latest reading
         self._commands = rospy.Publisher(command, TwistMessage, queue_size=1)
         rospy.Subscriber(odometry, Odometry, self._take, queue_size=50, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._commands.publish(TwistMessage()))
@@ -175,6 +177,7 @@ class MeasuredBase:
         self._rate = rospy.Rate(RATE_HZ)
 
     def _take(self, message: Odometry) -> None:
+        self._arrived = time.monotonic()
         self.readings.append(reading_of(message))
 
     def ahead(self) -> float:
@@ -189,10 +192,14 @@ class MeasuredBase:
         If only v is nonzero, the initial heading is kept.
 
         Raises:
-            ApplrError: The robot leaves the free way.
+            ApplrError: The robot leaves the free way, or the odometry falls silent.
         """
         end_time = rospy.get_time() + seconds
         while not until() and rospy.get_time() < end_time:
+            silence = time.monotonic() - self._arrived
+            if silence > SILENT_S:
+                self._commands.publish(TwistMessage())
+                raise ApplrError(f"stopped: no odometry for {silence:.1f} s")
             pose = self.readings[-1].pose
             distance = math.dist(pose[:2], self.start[:2])
             if rospy.is_shutdown() or distance > self.free:
@@ -367,7 +374,14 @@ def main() -> None:
     safe_time = math.ceil(100.0 * total_s) / 100.0
     safe_brake = math.floor(10.0 * brake) / 10.0
     safe_turn_brake = math.floor(10.0 * turn_brake) / 10.0
-    print(
-        f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {safe_time:.2f}, "
-        f"deceleration: {safe_brake:.1f}, yaw_deceleration: {safe_turn_brake:.1f}}}"
-    )
+    safe_gain = math.ceil(100.0 * max(1.0, *gains)) / 100.0
+    measured = {
+        "reaction_time": safe_time,
+        "deceleration": safe_brake,
+        "yaw_deceleration": safe_turn_brake,
+        "turn_gain": safe_gain,
+    }
+    # The line replaces that of robot.yaml, so it has the settings that were not measured, too.
+    settings = {**robot.monitor.model_dump(), **measured}
+    listed = ", ".join(f"{name}: {value:g}" for name, value in settings.items())
+    print(f"monitor: {{{listed}}}")

@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from applr_ros1.common.ros_node import policy_status
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES
 from applr_ros1.policy.methods import CONTEXTS, POLICY, SET, shipped
@@ -70,7 +71,7 @@ class Panel:
         self._robot = robot
         self._listener = listener
         self.report = report
-        self._status = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
+        self._status = policy_status()
         self._values = rospy.Publisher("applr/set_parameters", Parameters, queue_size=10)
         self._asked = 0.0  # wall time of the last request
         self._methods = {}  # methods by their names on the page

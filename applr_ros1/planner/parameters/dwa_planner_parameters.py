@@ -137,7 +137,7 @@ STATIC_DWA_PLANNER = (
     flag("publish_traj_pc", False,
         "Whether the points of all legal trajectories are published as the point cloud "
         "trajectory_cloud."),
-    text("global_frame_id", "odom", "Frame of trajectory_cloud."),
+    text("global_frame_id", "odom", "Not used: trajectory_cloud is in the local costmap's frame."),
     text("odom_topic", "odom", "Topic of the odometry."),
 )
 # fmt: on

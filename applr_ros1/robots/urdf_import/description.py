@@ -15,6 +15,7 @@ import numpy as np
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, did_you_mean
+from applr_ros1.common.scan import LEAST_LEVEL_COS
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
 # Names of wheels and plugins of omnidirectional bases
@@ -24,7 +25,6 @@ _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # files of Gazebo's 
 # Names of links to choose from if none has a ray sensor
 _LASER_NAME = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of laser scanners in Gazebo
-LEAST_LEVEL_COS = 0.95  # cosine of the tilt up to which a laser counts as level
 LEAST_ACROSS_COS = 0.95  # cosine of the angle to the lateral up to which an axis counts as lateral
 LEAST_UPRIGHT_COS = 0.7  # cosine of the tilt up to which an axis counts as vertical
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]

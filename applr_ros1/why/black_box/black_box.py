@@ -86,7 +86,7 @@ class BlackBox:
         self._folder = folder
         self._process = process
         self._moment = moment
-        self.describe(driven)
+        self._text = text_of(driven)
         self._detector = StopDetector(driven.robot)
         # guards detector, bags and the latest time
         self._lock = threading.Lock()
@@ -99,8 +99,10 @@ class BlackBox:
         self.problem = ""
 
     def describe(self, driven: DescribedRobot) -> None:
-        """Describe the robot in the bags, as when a topic is found under another name."""
-        self._text = text_of(driven)
+        """Go on with a robot of other topics, or with other parameters after a new start."""
+        with self._lock:
+            self._text = text_of(driven)
+            self._detector.describe(driven.robot)
 
     def take(
         self, message: RawMessage, source: TopicSource, unpacked: Callable[[], Received]
@@ -124,7 +126,7 @@ class BlackBox:
 
     def _start_anew(self) -> None:
         """Keep what the pending bags have so far: the clock jumped back."""
-        for bag in self._pending:
+        for bag in chain(self._pending, self._asked):
             if bag.messages is None:
                 bag.messages = self._messages()
         self._detector.forget()

@@ -63,9 +63,13 @@ class StopDetector:
     """
 
     def __init__(self, robot: Robot):
+        self.describe(robot)
+        self.forget()
+
+    def describe(self, robot: Robot) -> None:
+        """Go on with another description of the robot."""
         self._robot = robot
         self._start_values = start_values(robot)
-        self.forget()
 
     def forget(self) -> None:
         """Start anew after the clock jumped back."""

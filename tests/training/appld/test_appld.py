@@ -16,6 +16,7 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.encoding import PaperEncoding
+from applr_ros1.policy.observation import layout_of, observe
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
@@ -96,6 +97,9 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     assert step_lengths(points).max() < 0.08
     assert np.allclose(points[0], world.course.start[:2])
 
+    open_floor = replace(world, cylinders=np.empty((0, 3)), boxes=np.empty((0, 5)))
+    assert len(demonstrator.route(open_floor)) > 10
+
 
 def test_scans_in_the_lasers_own_time_are_no_demonstration():
     """Without their clock being looked at, too little driving would be blamed."""
@@ -114,6 +118,33 @@ def test_scans_in_the_lasers_own_time_are_no_demonstration():
     )
     in_one_time = replace(drive, scans=replace(scans, stamp=times))
     assert len(demonstration.instants(in_one_time).scans) > 100
+
+
+@pytest.mark.parametrize("nothing", [np.nan, 0.0])
+def test_beams_without_a_measurement_are_filled_as_for_a_policy(nothing):
+    """A network that has learnt another input than it gets would choose another context."""
+    layout = layout_of(JACKAL)
+    scan = np.linspace(0.2, 3.0, layout.beams).astype(np.float32)
+    scan[100:140] = np.nan
+    scan[-1] = np.inf
+    observation = observe(scan, 0.0, SPACE.theta0)
+    (inputs,) = appld_classifier.inputs(scan[np.newaxis])
+    np.testing.assert_array_equal(inputs, observation[: layout.beams])
+
+    # An instant at which the laser measures nothing is left out, as a decision is.
+    times = np.arange(200) / 20.0
+    fans = np.tile([-2.356, 4.712 / 719, 0.1, 30.0], (200, 1))
+    ranges = [np.ones(720, np.float32)] * 200
+    ranges[50] = np.full(720, nothing, np.float32)
+    drive = Drive(
+        odometry=Motion(times, times, np.zeros((200, 3)), np.tile([0.5, 0.0], (200, 1))),
+        scans=Scans(times, times, fans, ranges),
+        commands=Commands(times, np.tile([0.5, 0.0], (200, 1))),
+    )
+    demonstrated = demonstration.instants(drive)
+    assert len(demonstrated.scans) == 199
+    features = contexts.features(demonstrated, JACKAL)
+    np.testing.assert_allclose(features[:, 2:], 1.0)
 
 
 @pytest.mark.parametrize(

@@ -239,7 +239,12 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(bag_path):
     # Verdicts of the collision monitor
     assert read_back.verdicts.action == drive.verdicts.action
     assert read_back.verdicts.reason == drive.verdicts.reason
-    assert read_back.verdicts.blocked == drive.verdicts.blocked
+
+    # The clock of the recorder, from the first message that is read on
+    contacts_alone = read(bag_path, columns=("contacts",))
+    assert contacts_alone.contacts[0] == 0.0
+    later = contacts_alone.recorded_at - read_back.recorded_at
+    assert later == pytest.approx(read_back.contacts[0], abs=1e-6)
 
     # Transforms
     assert read_back.transforms.parent == drive.transforms.parent
@@ -353,6 +358,22 @@ def test_the_period_is_the_median_interval_in_whole_cycles():
     stamps = (0.0, 1.7, 3.71, 5.7, 7.71, 7.9)
     decisions = [decided({}, time)._replace(goal="g") for time in stamps]
     assert decision_period(Recorded(decisions=decisions)) == 2.0
+    assert decision_period(Recorded(decisions=decisions[:1])) is None
+
+
+def test_bags_of_two_decision_periods_are_no_dataset(tmp_path, capsys, monkeypatch):
+    record(tmp_path / "a.bag")
+    record(tmp_path / "b.bag")
+    periods = iter([2.0, None, 1.0, 2.0])
+    monkeypatch.setattr(bags_to_dataset, "decision_period", lambda drive: next(periods))
+    arguments = [str(tmp_path / "a.bag"), str(tmp_path / "b.bag"), "--out", str(tmp_path / "out")]
+    # A bag that does not show its period has that of the others.
+    assert bags_to_dataset.main(arguments) == 0
+    assert Dataset(tmp_path / "out").about["decision_period"] == 2.0
+    arguments[-1] = str(tmp_path / "mixed")
+    assert bags_to_dataset.main(arguments) == 1
+    assert "the bags differ in decision period [s], 1, 2: give" in capsys.readouterr().err
+    assert not (tmp_path / "mixed" / "data").exists()
 
 
 def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(bag_path):

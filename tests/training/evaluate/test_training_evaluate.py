@@ -31,6 +31,7 @@ from training.env.settings import TrialSettings
 from training.evaluate import __main__ as evaluate
 from training.evaluate import runner
 from training.evaluate.evaluation import EvaluationOptions
+from training.evaluate.evaluation import evaluate as evaluate_all
 from training.evaluate.table import TrialTable, read_trace, read_trials
 from training.evaluate.trial import Result, Trial, plan_trials, seed_of
 
@@ -339,6 +340,31 @@ def test_a_users_class_with_another_obstacle_range_does_not_continue_an_evaluati
     assert run(arguments[4.0]) == 0
     for obstacle_range in (None, 5.0):
         refused(arguments[obstacle_range], "another methods", "--out")
+
+
+def test_a_users_class_that_was_edited_does_not_continue_an_evaluation(tmp_path, run, refused):
+    module = tmp_path / "mine.py"
+    arguments = command(tmp_path / "out", chosen=f"{module}:Cautious")
+    module.write_text(MY_MODULE)
+    assert run(arguments) == 0
+    assert run(arguments) == 0
+    module.write_text(MY_MODULE + "# another comment\n")
+    refused(arguments, "another methods", "--out")
+
+
+def test_a_finished_evaluation_needs_no_workers(tmp_path, monkeypatch):
+    options = {"worlds": "generated:0", "methods": "dwa", "trials": 1, "out": str(tmp_path)}
+    monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
+    finished = evaluate_all(EvaluationOptions(**options, workers=0))
+    # Nobody listens there.
+    elsewhere = EvaluationOptions(**options, workers=8, ray_address="127.0.0.1:1")
+    assert repr(evaluate_all(elsewhere)) == repr(finished)
+
+
+def test_an_evaluation_in_another_frame_is_another_one(tmp_path, run, refused):
+    arguments = [*command(tmp_path / "out"), "--monitor"]
+    assert run([*arguments, "--no-matched"]) == 0
+    refused(arguments, "another matched", "--out")
 
 
 # -- the real stack --------------------------------------------------------------------------------

@@ -16,8 +16,16 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
 from tests.support.runs import SETTINGS
-from training.evaluate import tables
-from training.evaluate.compare import LEVEL, compare, over_worlds, rate, wilson
+from training.evaluate import report, tables
+from training.evaluate.compare import (
+    LEVEL,
+    Comparison,
+    Estimate,
+    compare,
+    over_worlds,
+    rate,
+    wilson,
+)
 from training.evaluate.profiles import LIMITS, profiles
 from training.evaluate.report import summary, write
 from training.evaluate.stored import Results
@@ -228,10 +236,24 @@ def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
     dwa_s = dwa.time_s[both_arrive].mean()
     applr_s = applr.time_s[both_arrive].mean()
     assert line.startswith(
-        f"applr better: yes, {applr.success.sum()} of {len(both_arrive)} arrive "
+        f"applr better: no, {applr.success.sum()} of {len(both_arrive)} arrive "
         f"(dwa: {dwa.success.sum()}); {applr_s:.1f} s instead of {dwa_s:.1f} s "
         f"where both arrive ({both_arrive.sum()} drives); p = "
     )
+
+
+@pytest.mark.parametrize(("p", "is_better"), [(0.02, True), (0.03, False)])
+def test_of_two_rivals_each_needs_half_the_level(results, monkeypatch, p, is_better):
+    """The better one of two equal methods is often better by luck."""
+    rivals = results.rivals
+    assert len(rivals) == 2
+    gain = Estimate(0.1, 0.0, 0.2)
+    made = {rival: Comparison(50, Estimate(-2.0, -4.0, 0.0), gain, p) for rival in rivals}
+    monkeypatch.setattr(report, "comparisons", lambda _: made)
+    words = "is better than" if is_better else "is not clearly better than"
+    assert words in report.headline(results)
+    answer = "yes" if is_better else "no"
+    assert all(f"better: {answer}" in line for line in report.summary(results))
 
 
 # -- tables ----------------------------------------------------------------------------------------

@@ -60,14 +60,13 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     # In the last three of nine seconds
     verdicts = Verdicts(
         times,
-        action=["stop"] * 180,
+        action=["pass"] * 120 + ["stop"] * 60,
         reason=["a wall"] * 180,
-        blocked=list(times > 6.0),
     )
     intervenes = "the collision monitor intervenes 33 % of the time: a wall"
     assert failed(stopped, verdicts=verdicts) == intervenes
     # A reversal that the monitor delays counts, too.
-    delays = replace(verdicts, reason=[REVERSING] * 180, blocked=[False] * 180)
+    delays = replace(verdicts, reason=[REVERSING] * 180, action=["brake"] * 180)
     delayed = failed(stopped, verdicts=delays)
     assert delayed == f"the collision monitor intervenes 100 % of the time: {REVERSING}"
     # What the planner rejects never reaches the monitor.

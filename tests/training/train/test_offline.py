@@ -10,6 +10,7 @@ import minari
 import numpy as np
 import pytest
 import safetensors.numpy
+import torch
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
@@ -40,6 +41,15 @@ def write(folder, source=None, episodes=40, layout=LAYOUT, trajectories=None):
 def data(tmp_path_factory):
     """Dataset of 400 transitions."""
     return write(tmp_path_factory.mktemp("dataset") / "data")
+
+
+def test_an_offline_run_has_no_actors(data, tmp_path):
+    """Its option --actors counts those of the verdict alone."""
+    threads = torch.get_num_threads()
+    actors = ["--actors", "2", "--ray-address", "local"]
+    options = ["--dataset", data, "--gradient-steps", "10", *NO_EVALUATION, *actors]
+    assert main(toy(tmp_path / "run", *options)) == 0
+    assert torch.get_num_threads() == threads
 
 
 def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):

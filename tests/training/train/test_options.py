@@ -155,6 +155,36 @@ def test_a_resumed_run_keeps_the_fixed_values_of_its_own_policy(tmp_path):
     assert fixed_values == {"min_in_place_vel_theta": 0.7}
 
 
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_a_run_that_takes_over_a_policy_drives_with_its_other_values(tmp_path, is_folder):
+    encoding = DimensionlessEncoding(JACKAL, 1.0, {"min_in_place_vel_theta": 0.7})
+    start = tmp_path / "start"
+    start.mkdir()
+    weights = make_weights(inputs=encoding.size, outputs=encoding.actions)
+    policy_file = start / "actor.safetensors"
+    save(policy_file, weights, {"obstacle_range": 4.0}, encoding)
+    init_from = str(start if is_folder else policy_file)
+    config = parse(["--init-from", init_from, "--observation", "dimensionless"])
+    environment = config.environment()
+    assert environment["base"] == {"min_in_place_vel_theta": 0.7}
+    assert environment["obstacle_range"] == 4.0
+
+
+def test_the_frame_of_the_costmaps_is_a_condition_that_a_resumed_run_keeps(tmp_path):
+    stored = {"out": str(tmp_path), "monitor": True}
+    resume = ["--resume", "--out", str(tmp_path)]
+    for matched, opposite in ((True, "--no-matched"), (False, "--matched")):
+        (tmp_path / "config.json").write_text(json.dumps({**stored, "matched": matched}))
+        assert parse(resume).matched == matched
+        with pytest.raises(ApplrError, match="matched: the run in .* has another value"):
+            parse([*resume, opposite])
+    # A run of a version without the option drove in the odometry's frame.
+    (tmp_path / "config.json").write_text(json.dumps(stored))
+    assert not parse(resume).matched
+
+
 def test_a_resumed_run_has_its_stored_options(tmp_path):
-    (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path)}))
+    (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path), "recipe": "paper"}))
     assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4
+    with pytest.raises(ApplrError, match="recipe: the run in .* has another value"):
+        parse(["--resume", "--recipe", "jackal", "--out", str(tmp_path)])

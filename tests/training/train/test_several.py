@@ -3,6 +3,7 @@ courses.
 """
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -84,6 +85,18 @@ def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(
     assert several.train(parse(["--resume", "--out", str(runs)]), toy_run) == 0
     resumed_checkpoint = json.loads(checkpoint_file.read_text())
     assert resumed_checkpoint["transitions"] == checkpoint["transitions"]
+
+
+def test_policies_are_compared_on_this_machine_alone(tmp_path, evaluated):
+    """Actors may be many on a cluster, which does not have the policies' files."""
+    policy_file = tmp_path / "seed_3/best.safetensors"
+    policy_file.parent.mkdir()
+    policy_file.write_bytes(b"a policy")
+    options = ["--seeds", 2, "--actors", 2000, "--ray-address", "head:6379"]
+    several.choose(parse(toy(tmp_path, *options)), tmp_path, [policy_file])
+    for requested in evaluated:
+        assert 0 < requested.workers <= (os.cpu_count() or 1)
+        assert requested.ray_address == ""
 
 
 @pytest.mark.parametrize(

@@ -138,6 +138,11 @@ def test_a_stop_that_two_bags_of_one_robot_have_is_counted_once():
     later = logged_bag(stop_at(0.0, lost=9.0, begin=0.0, end=9.5), begin=NOON + 1.0, name="b.bag")
     other = logged_bag(stop_at(0.0, lost=8.0), begin=NOON, name="c.bag", robot="husky")
     assert [logged.bag for logged in stops_of([first, later, other])] == [first, other]
+    # Two robots of one name may stop at the same time.
+    far_stop = stop_at(50.0, lost=7.0, begin=3.0, end=13.0)
+    far = logged_bag(far_stop, begin=NOON, name="d.bag")
+    elsewhere = logged_bag(stop_at(0.0, lost=6.0), begin=NOON, name="e.bag", frame="map")
+    assert len(stops_of([first, far, elsewhere])) == 3
     # Simulated clocks all begin at 0.
     simulated = [logged_bag(stop_at(0.0), name=name) for name in ("a.bag", "b.bag")]
     assert len(stops_of(simulated)) == 2
@@ -189,6 +194,18 @@ def test_a_drive_is_placed_in_the_frame_of_its_plans_if_tf_connects_both():
     # The local costmap may be in the map.
     recording.drive = replace(drive, frame="map")
     assert placed_frame(recording, None) == ("map", True, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("frame", ["odom", "matched", "robot1/matched"])
+@pytest.mark.parametrize("route_frame", ["odom", "matched", "robot1/matched"])
+def test_matched_poses_begin_anew_at_each_start_as_odometry_does(frame, route_frame):
+    drive = Drive(
+        frame=frame,
+        frames={"odometry": ["odom"], "routes": [route_frame]},
+        routes=Plans(np.zeros(1), [np.zeros((1, 3))]),
+    )
+    recording = SimpleNamespace(drive=drive, robot=JACKAL)
+    assert placed_frame(recording, None) == (frame, False, (0.0, 0.0, 0.0))
 
 
 def test_a_map_lies_under_the_drives_in_its_frame_alone():

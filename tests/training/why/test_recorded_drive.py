@@ -330,6 +330,12 @@ def names(**changed):
     return replace(TopicNames.of(JACKAL), **changed)
 
 
+def test_contacts_in_a_bag_are_read(driven, tmp_path):
+    touched = replace(until(driven, 1.0), contacts=np.array([0.5]))
+    recording = through_a_bag(tmp_path / "touched.bag", touched)
+    np.testing.assert_allclose(recording.drive.contacts, [0.5], atol=0.05)
+
+
 def test_move_base_is_found_by_its_plans(driven, tmp_path):
     with_both = until(driven, 1.0)
     with_routes_alone = replace(with_both, plans=None)
@@ -349,7 +355,7 @@ def test_topics_in_the_namespace_around_move_base_are_found(driven, bag_path):
         command="/robot1/cmd_vel",
         monitor="/robot1/collision_monitor",
     )
-    verdicts = Verdicts(np.zeros(1), ["stop"], ["a wall"], [True])
+    verdicts = Verdicts(np.zeros(1), ["stop"], ["a wall"])
     write(bag_path, replace(until(driven, 1.0), verdicts=verdicts), topics=topics)
     recording = read_back(bag_path)
     assert len(recording.scans) > 3

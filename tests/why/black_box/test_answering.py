@@ -77,7 +77,7 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
     assert answer.reason == "there was no scan for 8.0 s"
     assert (answer.parameter, answer.reproduced) == ("", 0.0)
 
-    verdicts = Verdicts(np.array([0.0, 1.0]), ["pass", "stop"], ["", "a wall"], [False, True])
+    verdicts = Verdicts(np.array([0.0, 1.0]), ["pass", "stop"], ["", "a wall"])
     held = replace(drive, verdicts=verdicts)
     (answer,) = answers(tmp_path / "held.bag", robot, held)
     assert answer.reason == "the collision monitor intervenes 92 % of the time: a wall"

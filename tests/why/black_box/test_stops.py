@@ -55,7 +55,7 @@ def messages_of(drive, has_goal=True, ended="", next_goal_at=np.inf, pause=0.0):
 
 def verdict(time, action, reason=""):
     """Return a message of the collision monitor."""
-    row = {"action": action, "reason": reason, "blocked": action == "stop"}
+    row = {"action": action, "reason": reason}
     return Received(at(time), "verdicts", [row])
 
 

@@ -21,6 +21,7 @@ from applr_ros1.policy import actor, methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER as PAPER_ENCODING
+from applr_ros1.policy.stuck import STALL_DISTANCE_M, STALL_TIME_S
 from training.common import command_line
 from training.common.command_line import RayAddress, Seed
 from training.common.folders import make_folder
@@ -36,9 +37,10 @@ RECIPES = {path.stem: path for path in sorted(_RECIPES_FOLDER.glob("*.yaml"))}
 PROVENANCE = "provenance"
 PAPER_STEPS = 5_000_000  # number of transitions in the paper
 # Conditions of the evaluations
-EVALUATION = ("eval_worlds", "simulator", "protocol", "planner", "monitor", "movers")
+EVALUATION = ("eval_worlds", "simulator", "protocol", "planner", "monitor", "matched", "movers")
 # Options that --resume cannot change
 FIXED = (
+    "recipe",
     "robot",
     "observation",
     "critics_know_more",
@@ -138,8 +140,9 @@ class TaskOptions(DriveSettings):
         "End a training episode at the first collision, as a failure. Evaluations are not "
         "affected.")
     end_on_stall: bool = option(False,
-        "End a training episode, as a failure, if the robot has moved less than .85 m in 8 s, at "
-        "the Jackal's scale. Evaluations are not affected.")
+        "End a training episode, as a failure, if the robot has moved less than "
+        f"{STALL_DISTANCE_M:g} m in {STALL_TIME_S:g} s, at the Jackal's scale. Evaluations are not "
+        "affected.")
     stall_rule: bool = option(False,
         "Let the stall rule of the applr node replace actions of the policy in training episodes, "
         "as it does in evaluations and on the robot, and learn from the parameters that were in "
@@ -201,7 +204,8 @@ class OfflineOptions(Options):
         "set of the robot), dwa (its default parameters) or a JSON file of parameters: the first "
         "output of the policy, and the values of the parameters that a dimensionless policy does "
         "not choose. File of a policy: this policy, frozen for a critic warm-up of 2,000 "
-        "gradient steps. The run drives with the obstacle range for which the start was made. "
+        "gradient steps. The run drives with the obstacle range, and a dimensionless policy with "
+        "the values of other parameters, for which the start was made. "
         "Default: a first output near the middle of the ranges.")
     # fmt: on
 
@@ -239,14 +243,17 @@ class TrainConfig(
     def start(self) -> Tuple[Optional[Array], Dict[str, float]]:
         """Action (m,) that the untrained policy returns, and values of parameters that none sets.
 
-        They are None and {} unless --init-from is a parameter set. A resumed run begins at its
+        The action is None unless --init-from is a parameter set. A resumed run begins at its
         checkpoint, with the values of its own policy.
         """
+        if not self.init_from:
+            return None, {}
+        first_policy = self.own_policy or self.policy_taken_over
+        if first_policy is not None:
+            return None, first_policy.encoding.base
         is_method = self.init_from in methods.METHODS or self.init_from.endswith(".json")
         if not is_method:
             return None, {}
-        if self.own_policy is not None:
-            return None, self.own_policy.encoding.base
         method = methods.make(self.init_from, self.robot)
         if not isinstance(method, methods.FixedParameters):
             return None, {}
@@ -276,17 +283,29 @@ class TrainConfig(
         return policy
 
     @cached_property
+    def policy_taken_over(self) -> Optional[actor.Policy]:
+        """Policy with which the run begins, or None. The learner reports one that does not fit."""
+        path = Path(self.init_from)
+        if self.init_from and (path / "actor.safetensors").exists():
+            path = path / "actor.safetensors"
+        if path.suffix != ".safetensors":
+            return None
+        try:
+            method = actor.load(path, self.robot)
+        except ApplrError:
+            return None
+        return method if isinstance(method, actor.Policy) else None
+
+    @cached_property
     def obstacle_range(self) -> Optional[float]:
         """Range [m] for which --init-from was made (Method.obstacle_range), or None.
 
         The policy learns with the same range, and its file asks for it. A resumed run keeps that of
         its own policy.
         """
-        if self.own_policy is not None:
-            return self.own_policy.obstacle_range
-        run_policy = Path(self.init_from) / "actor.safetensors"
-        if self.init_from and run_policy.exists():
-            return methods.obstacle_range(str(run_policy), self.robot)
+        first_policy = self.own_policy or self.policy_taken_over
+        if first_policy is not None:
+            return first_policy.obstacle_range
         return methods.obstacle_range(self.init_from, self.robot)
 
     def folder(self) -> Path:
@@ -403,6 +422,8 @@ def _resumed(explicit: Dict[str, Any]) -> TrainConfig:
         for name, value in read_json(path).items():
             if name in TrainConfig.model_fields:  # Not the provenance
                 stored[name] = value
+    # Runs of older versions drove in the odometry's frame.
+    stored.setdefault("matched", False)
     original = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **explicit, "out": out})
     for name in FIXED:

@@ -20,8 +20,10 @@ from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, write_json
+from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.common.folders import Lock
 from training.common.provenance import provenance, without_folders
 from training.env.trajectory import Trajectory
@@ -35,8 +37,8 @@ from training.workers.collect import Collect
 from training.workers.pool import Pool
 
 MANY_ERRORS = 20  # number of consecutive failed episodes after which the run ends
-# Upper bound of the rows of an episode: 100 s at the shortest decision period, .05 s
-LONGEST_EPISODE = 2100
+# Upper bound of the rows of an episode: one for each decision at the shortest period, and one more
+LONGEST_EPISODE = round(TIME_LIMIT / CONTROL_PERIOD) + 1
 BROADCAST_INTERVAL = 25  # number of gradient steps after which the actors get the latest policy
 WAIT_SECONDS = 0.2  # longest wait for an episode, after which signals are looked at [s]
 CHECKPOINT_SECONDS = 120.0  # interval between two checkpoints [s]
@@ -76,9 +78,10 @@ class TrainingRun:
         self.lock = Lock(self.folder)
 
         # Learner and evaluation
-        if config.actors and config.ray_address in ("", "local"):
+        actors = 0 if self.offline else config.actors
+        if actors and config.ray_address in ("", "local"):
             # The actors' processes need the other cores: more threads than cores are slow.
-            torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
+            torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - actors))
         self.learner = Learner(
             self.preparation.layout,
             config,
@@ -101,7 +104,7 @@ class TrainingRun:
         self._shown = self._saved  # time of the last figures in the progress bar
         self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
-        self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
+        self.pool = Pool(actors, "" if self.offline else config.ray_address)
 
         # Progress: curves after the checkpoint are those of a run that was killed.
         self.board: Any = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps + 1)

@@ -8,6 +8,7 @@ bias the verdict.
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Sequence
@@ -110,7 +111,8 @@ def _driven(
     evaluation = EvaluationOptions(
         **config.judged,
         seed=config.seed,
-        workers=config.actors,
+        # The policies are files of this machine, which no other one has.
+        workers=min(config.actors, len(os.sched_getaffinity(0))),
         worlds=worlds,
         methods=chosen,
         trials=1,
