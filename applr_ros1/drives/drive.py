@@ -210,7 +210,7 @@ class Verdicts(Rows):
 
     @property
     def blocked(self) -> List[bool]:
-        """Whether the monitor stopped the base, by each verdict."""
+        """True for each verdict with which the monitor stopped the base."""
         return [action == STOP for action in self.action]
 
 

@@ -168,7 +168,7 @@ class Replay:
 
     @property
     def is_poor(self) -> bool:
-        """Whether the planner's reasons in this replay are not to be trusted."""
+        """True if the planner's reasons in this replay are not to be trusted."""
         # Stops of move_base itself say nothing about the replay of the local planner.
         return self.share_of_cycles < POOR
 

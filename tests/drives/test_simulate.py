@@ -104,6 +104,7 @@ class FakeMoveBase:
         if self.end is not None and cycle_count == self.end + 1:
             result = self.result
         return SimpleNamespace(
+            planned=cycle_count % 10 == 1,
             command=command,
             result=result,
             new_plan=cycle_count % 10 == 1,

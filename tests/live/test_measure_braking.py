@@ -139,9 +139,11 @@ def robot(tmp_path_factory):
     child.end()
 
 
-def test_a_base_whose_odometry_falls_silent_is_stopped():
+def test_a_base_whose_odometry_falls_silent_is_stopped(monkeypatch):
     """Nobody would know how far it drives."""
     # Given: a base that was heard once, and has half a minute to drive
+    monkeypatch.setattr(rospy, "get_time", time.time)
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
     sent = []
     base = MeasuredBase.__new__(MeasuredBase)
     vars(base).update(

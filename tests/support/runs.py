@@ -79,6 +79,8 @@ def toy_run(config, env=Line):
             texts = {name: json.dumps(value) for name, value in metadata.items()}
             write_bytes(path, safetensors.numpy.save(weights, texts))
 
+    # No policy of the toy is one of a robot, whose values and range a run takes over.
+    vars(config).update(own_policy=None, policy_taken_over=None)
     return ToyRun(config)
 
 

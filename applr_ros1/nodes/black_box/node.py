@@ -87,7 +87,7 @@ class BlackBoxNode:
         self._described = described
         self._names = names
         self._names_in_use = names
-        self._address = ""  # of the move_base whose parameters are in use
+        self._address = ""  # address of the move_base whose parameters are in use
         self._given = given
         self._folder = folder
         self._ring = Ring(60.0 * minutes, MOST_BYTES)
