@@ -75,9 +75,12 @@ class Box:
         self.lines = []
         self.problems = []
 
-    def drive(self, twists, begin=0.0):
-        """Let messages of a drive come, and look twice a second; `begin` is its begin [s]."""
-        due_time = BEGIN_S + begin
+    def drive(self, twists, begin=0.0, first_look=0.0):
+        """Let messages of a drive come, and look twice a second.
+
+        begin: begin of the drive [s]. first_look: time from there to the first look [s].
+        """
+        due_time = BEGIN_S + begin + first_look
         for message in messages_of(drive_of(twists)):
             arrival = message.recording_time + round(begin * SECOND)
             message = message._replace(recording_time=arrival)
@@ -184,7 +187,7 @@ def test_what_somebody_asked_to_save_is_kept_when_the_clock_jumps_back_at_once()
     box = Box()
     box.drive(DRIVES * 2)
     box.box.save(BEGIN_S + 5.9)
-    box.drive(DRIVES, begin=-100.0)
+    box.drive(DRIVES, begin=-100.0, first_look=0.5)
     (saved_messages,) = box.folder.saved.values()
     # The bag has what came until the jump.
     assert saved_messages[-1].time / SECOND == pytest.approx(BEGIN_S + 5.95, abs=0.1)
