@@ -55,9 +55,8 @@ class ObservationRouter:
         self._listeners: Dict[str, List[_ListeningBuffer]] = {}
         self.data_types: Dict[str, str] = {}
         self.ray_origins: Dict[str, str] = {}
-        self._stamps: Dict[str, float] = {}  # by topic: stamp of the latest observation [s]
-        # The same by topic and frame
-        self._sensor_stamps: Dict[Tuple[str, Optional[str]], float] = {}
+        # By topic and frame: stamp of the latest observation [s]
+        self._stamps: Dict[str, Dict[Optional[str], float]] = {}
         self._last_call = -math.inf  # time of the last call [s]
         for costmap in (local_costmap, global_costmap):
             for layer in costmap.obstacle_layers:
@@ -91,18 +90,21 @@ class ObservationRouter:
             sensed = {topic: sensed for topic in first_topics}
         for topic, observation in sensed.items():
             # Lasers that share a topic may have different delays.
-            sensor = topic, observation.frame
-            if observation.stamp >= self._sensor_stamps.get(sensor, observation.stamp):
-                self._sensor_stamps[sensor] = observation.stamp
-                self._stamps[topic] = max(observation.stamp, self._stamps.get(topic, -math.inf))
+            stamps = self._stamps.setdefault(topic, {})
+            if observation.stamp >= stamps.get(observation.frame, observation.stamp):
+                stamps[observation.frame] = observation.stamp
                 self._hand_on(topic, observation, now, local_origin, placed)
 
         # A tracker that has died would otherwise leave its last obstacles in the maps.
-        predicted_stamp = self._stamps.get(PREDICTED, now)
+        predicted_stamp = self._latest(PREDICTED, now)
         if 0.0 < self._timeout < now - predicted_stamp:
             del self._stamps[PREDICTED]
             for listener in self._listeners[PREDICTED]:
                 listener.buffer.forget()
+
+    def _latest(self, topic: str, otherwise: float) -> float:
+        """Return the stamp of the latest observation on a topic [s], or another time."""
+        return max(self._stamps.get(topic, {}).values(), default=otherwise)
 
     def _hand_on(
         self,
@@ -144,7 +146,7 @@ class ObservationRouter:
                     return source.topic, source.expected_update_rate
                 # This package's own timeout: a laser that has died is one in a disabled layer, too.
                 if self._timeout > 0.0 and _must_speak(source):
-                    stamp = self._stamps.get(source.topic, -math.inf)
+                    stamp = self._latest(source.topic, -math.inf)
                     if now - stamp > self._timeout:
                         return source.topic, self._timeout
         return None
@@ -153,7 +155,6 @@ class ObservationRouter:
         """Drop all observations when the clock steps back: their stamps would be in the future."""
         if now < self._last_call:
             self._stamps.clear()
-            self._sensor_stamps.clear()
             for listeners in self._listeners.values():
                 for listener in listeners:
                     listener.buffer.forget()

@@ -92,17 +92,23 @@ def test_names_are_the_robots_unless_a_parameter_gives_them():
     assert given == {"odometry"}
 
 
-def test_parameters_of_another_node_are_a_problem_and_no_end(monkeypatch, tmp_path):
-    """The launch file would start the node again and again."""
+@pytest.fixture
+def master(monkeypatch):
+    """Return the master of a robot with a move_base, in a process that connects to nothing."""
     master = MagicMock()
     monkeypatch.setattr(rosgraph, "Master", lambda name: master)
     plan_topic = "/move_base/NavfnROS/plan"
     master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
     master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
-    parameters = {"robot": "nobody"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
     for name in ("Publisher", "Subscriber", "Service"):
         monkeypatch.setattr(rospy, name, MagicMock())
+    return master
+
+
+def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch, tmp_path):
+    """The launch file would start the node again and again."""
+    parameters = {"robot": "nobody"}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
     names, given = names_of({}, JACKAL)
     node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
 
@@ -115,16 +121,11 @@ def test_parameters_of_another_node_are_a_problem_and_no_end(monkeypatch, tmp_pa
     assert node._box is not None
 
 
-def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(monkeypatch, tmp_path):
-    master = MagicMock()
-    monkeypatch.setattr(rosgraph, "Master", lambda name: master)
-    plan_topic = "/move_base/NavfnROS/plan"
-    master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
-    master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
+def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(
+    master, monkeypatch, tmp_path
+):
     parameters = {"robot": "jackal"}
     monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
-    for name in ("Publisher", "Subscriber", "Service"):
-        monkeypatch.setattr(rospy, name, MagicMock())
     described = []
     box = MagicMock(describe=lambda driven: described.append(driven.robot.local_planner))
     monkeypatch.setattr(node_module, "BlackBox", lambda driven, *_: box)

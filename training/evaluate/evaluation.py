@@ -87,6 +87,7 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
         done = len(plan) - missing
         _LOGGER.info("%d trials to drive, %d left out: in the table", missing, done)
         if not missing:
+            table.order(plan)
             return {trial: table.result(trial) for trial in plan}
         bar = tqdm(total=len(plan), initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
         try:

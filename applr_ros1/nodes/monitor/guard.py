@@ -45,13 +45,17 @@ class Heartbeat:
         self._pipe = int(os.environ.get(PIPE_VARIABLE, -1))
         if self._pipe >= 0:
             os.set_blocking(self._pipe, False)
-            os.write(self._pipe, topic.encode() + b"\n")
+        self._write(topic.encode() + b"\n")
 
     def beat(self) -> bool:
         """Send a heartbeat. Return False if the guard has ended."""
+        return self._write(b".")
+
+    def _write(self, data: bytes) -> bool:
+        """Write to the pipe. Return False if the guard has ended."""
         try:
             if self._pipe >= 0:
-                os.write(self._pipe, b".")
+                os.write(self._pipe, data)
         except OSError as error:
             return isinstance(error, BlockingIOError)  # The pipe is full if the guard is frozen.
         return True

@@ -263,6 +263,12 @@ def headline_page(
     )
 
 
+def _topic(given: str, robot_topic: str) -> str:
+    """Return the topic that the launch argument `given` chooses; auto: the robot's."""
+    topic = robot_topic if given == "auto" else given
+    return "/" + topic.lstrip("/")
+
+
 class Observer:
     """Client of the running stack: sends the goal and records the drive.
 
@@ -291,10 +297,7 @@ class Observer:
         self.client: Any = None
         self.load = MachineLoad()
         rospy.init_node("demo", anonymous=True, disable_signals=True)
-        scan_topic = values["scan_topic"]
-        if scan_topic == "auto":
-            scan_topic = robot.topics.scan
-        self._scan = "/" + scan_topic.lstrip("/")
+        self._scan = _topic(values["scan_topic"], robot.topics.scan)
         self._has_monitor = boolean("monitor", values["monitor"])
         self._has_movers = boolean("movers", values["movers"])
         self._has_recorder = values["record"] != "none"
@@ -305,10 +308,7 @@ class Observer:
             on_arrival = partial(self._on_message, topic)
             rospy.Subscriber(topic, message_type, on_arrival, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
-        odometry_topic = values["odom_topic"]
-        if odometry_topic == "auto":
-            odometry_topic = robot.topics.odometry
-        odometry_topic = "/" + odometry_topic.lstrip("/")
+        odometry_topic = _topic(values["odom_topic"], robot.topics.odometry)
         rospy.Subscriber(odometry_topic, Odometry, self._on_odometry, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)

@@ -353,12 +353,16 @@ def test_a_users_class_that_was_edited_does_not_continue_an_evaluation(tmp_path,
 
 
 def test_a_finished_evaluation_needs_no_workers(tmp_path, monkeypatch):
-    options = {"worlds": "generated:0", "methods": "dwa", "trials": 1, "out": str(tmp_path)}
+    options = {"worlds": "generated:0", "trials": 1, "out": str(tmp_path)}
     monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
-    finished = evaluate_all(EvaluationOptions(**options, workers=0))
+    finished = evaluate_all(EvaluationOptions(**options, methods="dwa,random", workers=0))
     # Nobody listens there.
-    elsewhere = EvaluationOptions(**options, workers=8, ray_address="127.0.0.1:1")
-    assert repr(evaluate_all(elsewhere)) == repr(finished)
+    on_cluster = {**options, "workers": 8, "ray_address": "127.0.0.1:1"}
+    again = evaluate_all(EvaluationOptions(**on_cluster, methods="dwa,random"))
+    assert repr(again) == repr(finished)
+    # The rows have the order of the latest plan.
+    evaluate_all(EvaluationOptions(**on_cluster, methods="random,dwa"))
+    assert read_trials(tmp_path / "trials.csv").method.tolist() == ["random", "dwa"]
 
 
 def test_an_evaluation_in_another_frame_is_another_one(tmp_path, run, refused):
