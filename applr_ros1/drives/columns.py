@@ -415,21 +415,41 @@ def _pack_decision(row: Mapping[str, Any], sender: Sender) -> Fields:
     if seen is None:
         raise DriveError("a decision without its inputs cannot be written: record them")
     header = sender.header(row["time"], sender.frame)
+    seen_fields = fields_of_seen(seen, sender.robot)
+    return {
+        **seen_fields,
+        "header": header,
+        "number": sender.number,
+        "goal": row["goal"],
+        "scan": sender.begin + row["scan_time"],
+        "odometry": header["stamp"],
+        "plan": header["stamp"],
+        "movers": {"header": header, **seen_fields["movers"]},
+        "before": _pack_parameters(header, row["before"], sender),
+        "after": _pack_parameters(header, row["after"], sender),
+        "cleared": row["cleared"],
+    }
+
+
+def fields_of_seen(seen: Seen, robot: Robot) -> Fields:
+    """Return the fields of msg/Decision.msg with the inputs of a decision, without their stamps."""
     x, y, yaw = map(float, seen.pose)
     v, w = map(float, seen.twist)
     goal_x, goal_y, goal_yaw = map(float, seen.goal)
     ranges, first_angle, increment = seen.scan
-    # A policy looks along the plan for a distance in its robot's size.
-    plan_x, plan_y = beginning(seen.plan, seen.pose, FARTHEST_M * sender.robot.world_scale).T
+    # A whole plan would make a bag large. A policy looks along it for a distance in its robot's
+    # size.
+    plan_x, plan_y = beginning(seen.plan, seen.pose, FARTHEST_M * robot.world_scale).T
     mover_x, mover_y, mover_vx, mover_vy = seen.movers.T
+    movers = {
+        "x": mover_x,
+        "y": mover_y,
+        "vx": mover_vx,
+        "vy": mover_vy,
+        "radius": np.full(len(seen.movers), np.nan),  # Methods get no radius.
+    }
     return {
-        "header": header,
-        "number": sender.number,
-        "goal": row["goal"],
         "elapsed": float(seen.time),
-        "scan": sender.begin + row["scan_time"],
-        "odometry": header["stamp"],
-        "plan": header["stamp"],
         "x": x,
         "y": y,
         "yaw": yaw,
@@ -443,17 +463,7 @@ def _pack_decision(row: Mapping[str, Any], sender: Sender) -> Fields:
         "ranges": ranges,
         "plan_x": plan_x,
         "plan_y": plan_y,
-        "movers": {
-            "header": header,
-            "x": mover_x,
-            "y": mover_y,
-            "vx": mover_vx,
-            "vy": mover_vy,
-            "radius": np.zeros(len(seen.movers)),
-        },
-        "before": _pack_parameters(header, row["before"], sender),
-        "after": _pack_parameters(header, row["after"], sender),
-        "cleared": row["cleared"],
+        "movers": movers,
     }
 
 

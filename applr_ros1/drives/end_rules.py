@@ -37,6 +37,35 @@ class Destination(NamedTuple):
     goal: Pose
     tolerance: float
 
+    def is_reached(self, pose: Pose, with_tolerance: bool) -> bool:
+        """Return whether a robot has arrived.
+
+        Args:
+            pose: True pose (x, y, yaw) of the robot.
+            with_tolerance: Whether it may stop short of the course's goal by the planner's
+                tolerance.
+        """
+        x, y, _ = pose
+        return self.course.arrived(x, y, self.tolerance if with_tolerance else None)
+
+    def early_end(self, pose: Pose, left: float, has_succeeded: bool, message: str) -> CourseEnd:
+        """Return how a course ends if move_base ends its goal before the robot has arrived.
+
+        Args:
+            pose: True pose (x, y, yaw) of the robot.
+            left: Distance from the sent goal by the odometry [m].
+            has_succeeded: Whether move_base reports the goal as reached.
+            message: What move_base says of it.
+        """
+        reason = ended_early(
+            has_succeeded=has_succeeded,
+            text=message,
+            left_by_odometry=left,
+            left_in_truth=math.dist(pose[:2], self.course.sent_goal[:2]),
+            tolerance=self.tolerance,
+        )
+        return CourseEnd(ABORTED, reason)
+
 
 @dataclass(frozen=True)
 class Rules:
@@ -73,14 +102,11 @@ class Rules:
         therefore ends at once.
         """
         distance = math.dist(tick.place[:2], destination.goal[:2])
-        is_reached = self.ends_at_tolerance and distance <= destination.tolerance
+        is_close = self.ends_at_tolerance and distance <= destination.tolerance
         result = tick.step.cycle.result
         is_reported = result is not None and result[0] == "succeeded"
-        tolerance: Optional[float] = None
-        if is_reached or is_reported:
-            tolerance = destination.tolerance
-        x, y, _ = tick.after.pose
-        if destination.course.arrived(x, y, tolerance):
+        pose = tick.after.pose
+        if destination.is_reached(pose, with_tolerance=is_close or is_reported):
             return CourseEnd(REACHED, "finished")
         if tick.after.flipped:
             return CourseEnd(FLIPPED, "flipped")
@@ -89,14 +115,7 @@ class Rules:
         if result is None:
             return None
         _, message = result
-        reason = ended_early(
-            has_succeeded=is_reported,
-            text=message,
-            left_by_odometry=distance,
-            left_in_truth=math.dist((x, y), destination.course.sent_goal[:2]),
-            tolerance=destination.tolerance,
-        )
-        return CourseEnd(ABORTED, reason)
+        return destination.early_end(pose, distance, is_reported, message)
 
     def judge_period(
         self, period: float, period_count: int, has_stalled: bool

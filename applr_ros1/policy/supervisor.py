@@ -79,6 +79,7 @@ class Supervisor:
         # Parameters set by hand while the method is off
         self._by_hand: Optional[Choice] = None
         self._latest: Optional[Choice] = None  # latest choice of any kind
+        self._beat_due: Optional[float] = None  # time of the next heartbeat; None before the first
 
     # -- what people ask for -----------------------------------------------------------------------
     def switch(self, enabled: bool) -> None:
@@ -155,6 +156,7 @@ class Supervisor:
         self.goal = None
         self.due = math.inf
         self.last = None
+        self._beat_due = None
         return self.rest()
 
     def pursue(self, goal: Optional[str], now: float) -> Optional[Choice]:
@@ -183,14 +185,6 @@ class Supervisor:
         self.due = now
 
     # -- decisions ---------------------------------------------------------------------------------
-    @property
-    def heartbeat_period(self) -> float:
-        """Longest time between two heartbeats [s], however long the decision period is.
-
-        move_base expects a beat every PERIOD.
-        """
-        return min(self.pilot.period, PERIOD)
-
     def is_due(self, now: float, is_settled: bool) -> bool:
         """Return whether a decision is due.
 
@@ -251,6 +245,26 @@ class Supervisor:
         if choice is not None:
             self._on_trouble(f"no decision for {LOST_PERIODS} periods: back to theta_0")
         return choice
+
+    # -- heartbeats --------------------------------------------------------------------------------
+    def is_beat_due(self, now: float) -> bool:
+        """Return whether a heartbeat is due: after a decision period, but at least each PERIOD.
+
+        move_base expects a beat every PERIOD, however long the decision period is.
+        """
+        return self._beat_due is None or now >= self._beat_due
+
+    def beat(self, now: float) -> bool:
+        """Note a heartbeat.
+
+        Returns:
+            Whether it came late by more than a period. Then move_base may have restored its start-up
+            values in the meantime.
+        """
+        period = min(self.pilot.period, PERIOD)
+        has_gap = self._beat_due is not None and now - self._beat_due > period
+        self._beat_due = now + period
+        return has_gap
 
     # -- state in words ----------------------------------------------------------------------------
     @property

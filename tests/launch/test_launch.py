@@ -29,7 +29,7 @@ from applr_ros1.nodes.tools import demo as demo_tool
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
-from applr_ros1.robots import NAMES, load
+from applr_ros1.robots import JACKAL, NAMES, load
 from tests.support import DATA, HANGS, ROOT, is_alive
 from tests.support.drives import driven
 from tests.support.pages import data_of
@@ -268,7 +268,7 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     move_to(1.0, setup.world.course.start, (speed, 0.0))
     client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
     observer.client = client
-    drive = observer.drive(setup.values["sent"], 2.0, check)
+    drive = observer.drive(2.0, check)
     last_goal = drive.goals[-1]
     assert last_goal.end == pytest.approx(time, abs=0.11)
     assert last_goal.reason == reason
@@ -276,6 +276,16 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
     # actionlib logs an error if a client cancels a goal that has ended.
     assert client.cancel_goal.call_count == (state() == GoalStatus.ACTIVE)
+
+
+def test_a_demo_listens_to_the_topics_that_its_arguments_choose(monkeypatch):
+    topics = []
+    monkeypatch.setattr(demo_tool.rospy, "init_node", lambda *_, **__: None)
+    monkeypatch.setattr(demo_tool.rospy, "Subscriber", lambda topic, *_, **__: topics.append(topic))
+    arguments = ["world:=generated:0", "odom_topic:=matched/odometry", "scan_topic:=/rear/scan"]
+    demo_tool.Observer(demo_tool.prepare(arguments))
+    assert {"/matched/odometry", "/rear/scan"} <= set(topics)
+    assert not {JACKAL.topics.odometry, JACKAL.topics.scan} & {name.lstrip("/") for name in topics}
 
 
 @pytest.mark.parametrize(

@@ -142,9 +142,29 @@ def test_a_late_decision_is_counted_and_does_not_delay_the_next_one():
     assert supervised.count("decisions") == 4
 
 
-def test_heartbeats_come_as_often_as_move_base_waits_for_them_however_rare_decisions_are():
-    assert Supervised(period=0.2).supervisor.heartbeat_period == 0.2
-    assert Supervised(period=6.0).supervisor.heartbeat_period == 2.0
+@pytest.mark.parametrize(("period", "interval"), [(0.2, 0.2), (6.0, 2.0)])
+def test_heartbeats_come_as_often_as_move_base_waits_for_them_however_rare_decisions_are(
+    period, interval
+):
+    supervisor = Supervised(period=period).supervisor
+    assert supervisor.is_beat_due(10.0)
+    supervisor.beat(10.0)
+    assert not supervisor.is_beat_due(10.0 + interval - 0.01)
+    assert supervisor.is_beat_due(10.0 + interval)
+
+
+def test_a_gap_in_the_heartbeats_is_reported_once():
+    """move_base may have restored its start-up values in the meantime."""
+    supervisor = Supervised(period=1.0).supervisor
+    assert not supervisor.beat(10.0)
+    assert not supervisor.beat(12.0)
+    assert supervisor.beat(14.1)
+    assert not supervisor.beat(15.1)
+
+    # Time that the clock jumped back is no gap.
+    supervisor.forget_course()
+    assert supervisor.is_beat_due(3.0)
+    assert not supervisor.beat(3.0)
 
 
 # -- periods without a decision --------------------------------------------------------------------

@@ -92,21 +92,18 @@ class ApplrNode:
         """Run until shutdown. If the clock jumps back, start anew."""
         self.client.start()
         rospy.on_shutdown(self.shutdown)
-        beat_due = report_due = rospy.Time(0)
+        report_due = rospy.Time(0)
         clock = RosClock()
         while not rospy.is_shutdown():
             try:
                 if clock.went_back():
                     self._clock_jumped()
-                    beat_due = report_due = rospy.Time(0)
+                    report_due = rospy.Time(0)
                 now = clock.now
-                if now >= beat_due:
+                if self.supervisor.is_beat_due(now.to_sec()):
                     self.topics.heartbeat(now)
-                    period = rospy.Duration(self.supervisor.heartbeat_period)
-                    # After a gap, move_base may have restored its start-up values.
-                    if not beat_due.is_zero() and now - beat_due > period:
+                    if self.supervisor.beat(now.to_sec()):
                         self.client.reapply()
-                    beat_due = now + period
                 if now >= report_due:
                     self._report(now)
                     report_due = now + rospy.Duration(REPORT_S)

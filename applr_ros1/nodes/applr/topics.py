@@ -16,10 +16,10 @@ from std_msgs.msg import Header, Time
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.ros_node import policy_status
-from applr_ros1.drives.columns import plotted
+from applr_ros1.drives.columns import fields_of_seen, plotted
 from applr_ros1.msg import Decision, Movers, Parameters
 from applr_ros1.nodes import conversions
-from applr_ros1.policy.observation import FARTHEST_M, beginning, local_goal
+from applr_ros1.policy.observation import local_goal
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.policy.supervisor import Ruling
 from applr_ros1.robots import JACKAL, Robot
@@ -30,7 +30,7 @@ class ApplrTopics:
 
     def __init__(self, robot: Robot = JACKAL):
         self._space = space_of(robot)
-        self._farthest = FARTHEST_M * robot.world_scale  # length of the plan in decisions [m]
+        self._robot = robot
         self._name = policy_status()
         self._heartbeat = rospy.Publisher("applr/heartbeat", Time, queue_size=1)
         self._decision = rospy.Publisher("applr/decision", Decision, queue_size=5)
@@ -77,20 +77,18 @@ class ApplrTopics:
         refused: str,
     ) -> Any:
         """Return an applr_ros1/Decision with all inputs, from which a dataset can be made."""
-        message = Decision(number=number, goal=goal, elapsed=context.time, refused=refused)
+        seen_fields = fields_of_seen(snapshot.seen, self._robot)
+        mover_fields = seen_fields.pop("movers")
+        message = Decision(number=number, goal=goal, refused=refused)
         message.header.stamp = now
         message.header.frame_id = snapshot.frame
         message.scan = snapshot.scan_stamp
         message.odometry = snapshot.odom_stamp
         message.plan = snapshot.plan_stamp
-        message.x, message.y, message.yaw = context.pose
-        message.v, message.w = context.twist
-        message.goal_x, message.goal_y, message.goal_yaw = context.goal
-        message.ranges, message.angle_min, message.angle_increment = snapshot.seen.scan
-        # A whole plan would make a bag large, and no observation reads its end.
-        message.plan_x, message.plan_y = beginning(context.plan, context.pose, self._farthest).T
-        header = Header(0, snapshot.movers_stamp, snapshot.frame)
-        message.movers = Movers(header, *context.movers.T, [])
+        for name, value in seen_fields.items():
+            setattr(message, name, value)
+        movers_header = Header(0, snapshot.movers_stamp, snapshot.frame)
+        message.movers = Movers(header=movers_header, **mover_fields)
         message.before = parameters_message(context.theta, now, self._space)
         message.after = parameters_message(theta, now, self._space)
         return message

@@ -35,7 +35,6 @@ from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.drives.contact import contact_speed
 from applr_ros1.drives.drive import (
-    ABORTED,
     REACHED,
     TIMED_OUT,
     Decision,
@@ -43,7 +42,8 @@ from applr_ros1.drives.drive import (
     DrivenToGoal,
     Goal,
 )
-from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, ended_early, in_full
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full
+from applr_ros1.drives.end_rules import CourseEnd, Destination
 from applr_ros1.drives.page import PageScene, Shown, contact_note, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
@@ -204,7 +204,7 @@ def _drive(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> No
     load.expect_reports()
     nodes.wait("the diagnostics", lambda: load.is_reported)
     load.begin()
-    drive = observer.drive(values["sent"], values["limit"], nodes.check)
+    drive = observer.drive(values["limit"], nodes.check)
     load.expect_reports()
     nodes.wait("the diagnostics", lambda: load.is_reported)
     truth, goals = drive.require(DrivenToGoal)
@@ -284,10 +284,9 @@ class Observer:
         values = setup.values
         robot = setup.robot
         self.world = setup.world
-        self._tolerance = robot.goal_tolerance
+        self._destination = Destination(setup.world.course, values["sent"], robot.goal_tolerance)
         self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # frame of the goal
         self._names = space_of(robot).names
-        self._sent: Pose = (0.0, 0.0, 0.0)  # goal in odom
         self._latest: Optional[Reading] = None  # latest true motion
         self._odometry: Optional[Reading] = None  # latest motion by odometry
         self._theta: Sequence[float] = ()  # latest parameters
@@ -327,15 +326,15 @@ class Observer:
         if self._has_recorder:
             yield "recorder", BagRecorder("/record").is_ready
 
-    def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Drive:
-        """Send the goal `pose` (x, y, yaw) in odom, and return the drive with its goal's end.
+    def drive(self, limit: float, check: Callable[[], None]) -> Drive:
+        """Send the goal, and return the drive with its goal's end.
 
         The drive times out after `limit` [s]. check() is called repeatedly, and its exceptions end
         the drive.
         """
         recorder = self._begin()
-        self._sent = pose
-        self.client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
+        goal_pose = pose_stamped(self._destination.goal, self._frame, rospy.Time(0))
+        self.client.send_goal(MoveBaseGoal(goal_pose))
         course = self.world.course
         goal_place = "ahead"
         if course.finish_y is not None:
@@ -343,16 +342,16 @@ class Observer:
         report(f"goal sent   {course.length_m:.2f} m {goal_place}")
         # In simulated time, by the stamps of the true motion
         progress_time = 0.0
-        status = ""
-        while not status:
+        end = None
+        while end is None:
             time.sleep(0.01)
             check()
             seconds = self._motion.time - self.began
-            status, reason = self._end(seconds, limit)
+            end = self._end(seconds, limit)
             if seconds - progress_time >= PROGRESS_PERIOD_S:
                 progress_time += PROGRESS_PERIOD_S
                 self._report_progress(seconds, recorder.drive)
-        recorder.goals.append(Goal("demo", 0.0, seconds, status, reason))
+        recorder.goals.append(Goal("demo", 0.0, seconds, end.status, end.reason))
         # A goal that move_base has ended cannot be cancelled: actionlib would log an error.
         if self.client.get_state() in RUNNING:
             self.client.cancel_goal()
@@ -372,34 +371,26 @@ class Observer:
         self._record_parameters(0.0)
         return self._recorder
 
-    def _end(self, seconds: float, limit: float) -> Tuple[str, str]:
-        """Return how the drive has ended, and why in words; ("", "") while it goes on."""
-        x, y, _ = self._motion.pose
+    def _end(self, seconds: float, limit: float) -> Optional[CourseEnd]:
+        """Return how the drive has ended, or None while it goes on."""
+        pose = self._motion.pose
         goal_state = self.client.get_state()
-        # The planner may stop short of the course's goal by its own tolerance.
-        tolerance = self._tolerance if goal_state == GoalStatus.SUCCEEDED else None
-        if self.world.course.arrived(x, y, tolerance):
-            return REACHED, "goal reached"
+        has_succeeded = goal_state == GoalStatus.SUCCEEDED
+        if self._destination.is_reached(pose, with_tolerance=has_succeeded):
+            return CourseEnd(REACHED, "goal reached")
         if seconds >= limit:
-            return TIMED_OUT, "timed out"
-        if goal_state not in RUNNING:
-            status_text = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
-            sent_x, sent_y, _ = self.world.course.sent_goal
-            reason = ended_early(
-                has_succeeded=goal_state == GoalStatus.SUCCEEDED,
-                text=status_text,
-                left_by_odometry=self._left_by_odometry(),
-                left_in_truth=math.dist((sent_x, sent_y), (x, y)),
-                tolerance=self._tolerance,
-            )
-            return ABORTED, reason
-        return "", ""
+            return CourseEnd(TIMED_OUT, "timed out")
+        if goal_state in RUNNING:
+            return None
+        status_text = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
+        left = self._left_by_odometry()
+        return self._destination.early_end(pose, left, has_succeeded, status_text)
 
     def _left_by_odometry(self) -> float:
         """Return the distance from the sent goal by the odometry [m]; inf without odometry."""
         if self._odometry is None:
             return math.inf
-        return math.dist(self._odometry.pose[:2], self._sent[:2])
+        return math.dist(self._odometry.pose[:2], self._destination.goal[:2])
 
     def _report_progress(self, seconds: float, drive: Drive) -> None:
         """Print the distance to the goal, the speed, and contacts since the last line."""

@@ -19,7 +19,7 @@ from nav_msgs.msg import Odometry
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.ros_node import init_node
+from applr_ros1.common.ros_node import command_topic, init_node
 from applr_ros1.nodes.conversions import Reading, reading_of, twist
 from applr_ros1.robots import load
 
@@ -336,9 +336,8 @@ def main() -> None:
         raise ApplrError(f"{invalid_options}: give at least {LEAST_WAY_M:g} m and one run")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
-    base = MeasuredBase(
-        robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free
-    )
+    commands = command_topic(robot.topics.cmd_vel)
+    base = MeasuredBase(commands, options.odometry or robot.topics.odometry, options.free)
     top_speed = min(robot.base.max_speed, fastest(options.free))
 
     ignored_v = dead_band(base, is_turn=False)
