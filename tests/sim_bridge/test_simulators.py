@@ -461,6 +461,19 @@ def test_randomised_values_stay_within_their_bounds():
     assert 1.2 < max(frictions) <= 1.5
 
 
+def test_a_drawn_friction_scales_the_acceleration_of_the_tyres():
+    for factor in (0.5, 1.0):
+        simulator = sim_bridge.make(
+            "kinematic", ground=0.0, slip=0.0, odometry=0.0, friction=factor
+        )
+        simulator.reset(OPEN, 0)
+        simulator.command(1.0, 0.0)
+        simulator.advance(0.05)
+        acceleration, _ = simulator.advance(0.05).imu
+        # The friction limits it to half of that of gravity.
+        assert acceleration == pytest.approx(4.9 * factor, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [

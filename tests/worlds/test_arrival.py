@@ -65,6 +65,25 @@ def test_a_course_with_a_finish_of_its_own_ignores_the_planner():
 
 
 @pytest.mark.parametrize(
+    ("finish_y", "route_m"),
+    [
+        (10.0, 2.0 + 5.0 + 3.0 + 1.0),
+        (None, 2.0 + 5.0 + 3.0 + 5.0 + 2.0),
+    ],
+)
+def test_a_route_goes_from_the_start_along_the_path_to_the_finish(finish_y, route_m):
+    """BARN's metric has its optimal time from the length. The last way to a line is straight."""
+    bent_course = Course(
+        start=(0.0, 0.0, 1.57),
+        goal=(6.0, 15.0, 1.57),
+        finish_y=finish_y,
+        goal_tolerance=0.3,
+        path=np.array([(0.0, 2.0), (3.0, 6.0), (3.0, 9.0), (6.0, 13.0)]),
+    )
+    assert bent_course.route_m == pytest.approx(route_m)
+
+
+@pytest.mark.parametrize(
     ("name", "planner_ends"),
     [
         ("generated:7", False),

@@ -3,6 +3,7 @@ layout.
 """
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -128,6 +129,50 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
     # Fidelity, ground, friction, slip, odometry, delay, laser noise, and the share of the stall
     drawn = after_clearances[-8:]
     np.testing.assert_allclose(drawn, [1.0, -0.5, 0.4, -0.3, 0.5, 0.0, 0.0, 0.0], atol=1e-6)
+
+
+def walker(x, y, speed_y=0.0):
+    """Return a mover that is at (x, y) [m] after five seconds, and walks along y [m/s]."""
+    key_frames = []
+    for time in map(float, range(11)):
+        key_frames.append((time, x, y + speed_y * (time - 5.0)))
+    return Mover(0.25, tuple(key_frames))
+
+
+def test_critics_observe_course_and_nearest_movers_from_the_robot():
+    # Given: a robot 0.8 widths beside the begin of its course, to the left of which it looks, with
+    # a mover ahead, one to its left, and one far away
+    drive = scene()
+    side = 0.8 * WIDTH
+    drive.simulated.state.pose = (0.0, -side, 0.5 * math.pi)
+    far_away = walker(9.0, 0.0)
+    to_the_left = walker(-2.0, -side)
+    ahead = walker(0.0, 1.0 - side, speed_y=0.5)
+    drive.world = replace(drive.world, movers=(far_away, to_the_left, ahead))
+
+    observed = privileged.privileged(drive, 1.0)
+
+    # The course after 2 widths, on its second leg, and after 5 widths, on its third leg
+    x_2 = 1.0 + 2.0 - math.sqrt(2.0)
+    along_third_leg = (5.0 - math.sqrt(2.0) - 2.0) / math.sqrt(5.0)
+    x_5 = 3.0 + 2.0 * along_third_leg
+    y_5 = 1.0 - along_third_leg
+    after_clearances = observed[FIRST_CLEARANCE + 2 * len(STATIONS) :]
+    distance_input, *cosines = after_clearances[2:5]
+    assert share(distance_input) * privileged.FAR == pytest.approx(0.8, abs=1e-5)
+    # In the robot's frame, the course's y is ahead, and its x to the right.
+    expected_cosines = [1.8 / math.hypot(x_2, 1.8), (y_5 + 0.8) / math.hypot(x_5, y_5 + 0.8)]
+    assert cosines == pytest.approx(expected_cosines, abs=1e-5)
+    expected_sines = [-x_2 / math.hypot(x_2, 1.8), -x_5 / math.hypot(x_5, y_5 + 0.8)]
+    assert observed[:FIRST_MOVER] == pytest.approx(expected_sines, abs=1e-5)
+
+    # Position and speed of the nearest mover, then of the second one
+    farthest = privileged.FAR * WIDTH
+    lateral = observed[FIRST_MOVER:FIRST_CLEARANCE]
+    forward = after_clearances[5:9]
+    assert lateral == pytest.approx([0.0, 0.0, 2.0 / farthest, 0.0], abs=1e-5)
+    walking = 0.5 / privileged.FAST
+    assert forward == pytest.approx([1.0 / farthest, walking, 0.0, 0.0], abs=1e-5)
 
 
 @pytest.mark.parametrize("movers", [True, False])

@@ -14,6 +14,7 @@ import pytest
 
 import worlds
 from tests.support.scenes import moving, sdf, write_world
+from training.env.settings import CHALLENGE, PAPER, under
 from training.evaluate import __main__ as evaluate
 from training.evaluate.table import read_trace, read_trials
 from worlds import sdf_writer
@@ -121,6 +122,21 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
     (table_row,) = drive(tmp_path / "out", *arguments)
     assert table_row["collided"]
     assert table_row["decisions"] > 3
+
+
+def test_only_barns_worlds_get_the_challenges_course():
+    barns_world = worlds.load("generated:7")
+    assert under(PAPER, barns_world) is barns_world
+    challenge = under(CHALLENGE, barns_world)
+    assert challenge.course.start == (-2.25, 3.0, math.pi / 2)
+    assert challenge.course.path is barns_world.course.path
+
+    # A field of BARN has a wall on either side.
+    x = barns_world.cylinders[:, 0]
+    without_right_wall = replace(barns_world, cylinders=barns_world.cylinders[x < -0.1])
+    others = [without_right_wall, worlds.load("physical_course"), worlds.load("dynamic:0")]
+    for world in others:
+        assert under(CHALLENGE, world) is world
 
 
 def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):

@@ -22,7 +22,7 @@ from training.evaluate import runner, score
 from training.evaluate.periodic import CHOOSING, THETA0, PeriodicEvaluation
 from training.evaluate.stored import Results
 from training.evaluate.table import TrialTable
-from training.evaluate.trial import POLICY, Result, plan_trials
+from training.evaluate.trial import POLICY, Result, Trial, plan_trials
 from training.evaluate.verdict import paired_trials
 from training.train.td3.td3 import TD3, TD3Options
 from training.workers.collect import policy_layers
@@ -110,6 +110,20 @@ def test_the_cost_of_an_aim_by_hand():
     assert score.Aim(failure=10.0).rule == (
         "a failure or contact costs 10 times the course's shortest time"
     )
+
+
+def test_a_baseline_has_the_means_of_the_drives_that_arrive():
+    # 8 m and 10 m take 4 s and 5 s at the Jackal's largest speed of 2 m/s.
+    slow = Result(True, time_s=12.0, route_m=8.0, mean_jerk=2.0, mean_turn=1.5)
+    fast = Result(True, time_s=10.0, route_m=10.0, mean_jerk=4.0, mean_turn=3.5)
+    failed = Result(False, time_s=3.0, route_m=8.0, mean_jerk=90.0, mean_turn=90.0)
+    baseline = score.Baseline.of([slow, failed, fast], JACKAL)
+    # Three optimal times, and two
+    assert baseline == score.Baseline(pace=2.5, jerk=3.0, turn=2.5)
+    # Costs are divided by jerk and turning.
+    assert score.Baseline.of([replace(slow, mean_turn=0.0)], JACKAL).turn == 1.0
+    # Nothing is slower than a baseline that never arrives.
+    assert score.Baseline.of([failed], JACKAL) == score.Baseline(math.inf, 1.0, 1.0)
 
 
 @pytest.mark.heavy
@@ -208,6 +222,22 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
         rewards.append(reward)
     env.close()
     assert sum(rewards) == pytest.approx(total_reward, abs=1e-9)
+
+
+def test_switching_is_the_mean_change_of_all_parameters_over_all_decisions():
+    driver = runner.TrialRunner(TrialSettings(period=0.5, time_limit=1.0))
+    space = driver.space
+    speed = space.names.index("max_vel_x")
+    theta = space.theta0.copy()
+    # A quarter of the range is half an action unit.
+    theta[speed] += 0.25 * (space.high[speed] - space.low[speed])
+    task = Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist()))
+
+    result = driver.run(task)
+
+    # The first of two decisions changes one of the parameters, the second none.
+    assert result.decisions == 2
+    assert result.switching == pytest.approx(0.5 / len(space.names) / 2)
 
 
 def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):

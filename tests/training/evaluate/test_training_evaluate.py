@@ -114,6 +114,16 @@ def test_every_method_gets_the_same_seeds_in_any_evaluation():
     assert whole_plan == longer_plan[:12]
 
 
+def test_seeds_are_those_of_older_evaluations():
+    """Trials are compared with those of earlier tables, which had the same seeds."""
+    stored = ROOT / "tests" / "golden" / "evaluation"
+    settings = json.loads((stored / "evaluation.json").read_text())
+    worlds = list(zip(settings["worlds"], settings["world_specs"]))
+    chosen = [(name, name) for name in settings["methods"]]
+    plan = plan_trials(worlds, chosen, trials=2, seed=settings["seed"])
+    assert [trial.seed for trial in plan] == read_trials(stored / "trials.csv").seed.tolist()
+
+
 # -- the folder ------------------------------------------------------------------------------------
 def test_csv_begins_with_the_pinned_columns(tmp_path, run):
     assert run(command(tmp_path)) == 0

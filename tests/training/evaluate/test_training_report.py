@@ -256,6 +256,19 @@ def test_of_two_rivals_each_needs_half_the_level(results, monkeypatch, p, is_bet
     assert all(f"better: {answer}" in line for line in report.summary(results))
 
 
+def test_the_headline_names_the_rival_that_saves_most(results, monkeypatch):
+    first_rival, second_rival = results.rivals
+    gain = Estimate(0.1, 0.0, 0.2)
+    for best, others_s, best_s in ((second_rival, -2.0, -5.0), (first_rival, 3.0, -1.0)):
+        made = {}
+        for rival in results.rivals:
+            difference = best_s if rival == best else others_s
+            estimate = Estimate(difference, difference - 1.0, difference + 1.0)
+            made[rival] = Comparison(50, estimate, gain, 0.001)
+        monkeypatch.setattr(report, "comparisons", lambda _, made=made: made)
+        assert report.headline(results).startswith(f"{best} is better than dwa: ")
+
+
 # -- tables ----------------------------------------------------------------------------------------
 
 
@@ -299,6 +312,25 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     table = tables.table_3(results).rows.set_index("worlds")
     # Mean of 25 s and 100 s
     assert table["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
+
+
+def test_contacts_of_a_moving_robot_are_counted_unless_a_speed_is_unknown(tmp_path):
+    world = "generated:7"
+    store = TrialTable(tmp_path, dict(SETTINGS, worlds=[world], world_specs=[world]))
+    # Speeds [m/s] of the first contact: a robot that stands may be touched by a mover.
+    contact_speeds = {
+        "dwa": (0.3, 0.05, 0.8, None),
+        "older": (0.3, math.nan, 0.05, None),
+    }
+    for trial in plan_trials(named(world), named(*contact_speeds), trials=4, seed=0):
+        speed = contact_speeds[trial.method][trial.trial]
+        result = replace(NOT_MEASURED, success=True, time_s=20.0)
+        if speed is not None:
+            result = replace(result, collided=True, contact_speed=speed)
+        store.add(trial, result)
+    rates = tables.rates(Results(tmp_path)).rows.set_index("method")
+    assert rates.moving["dwa"] == "2"
+    assert rates.moving["older"] == tables.NONE
 
 
 def test_means_are_compared_over_the_same_worlds(folder):

@@ -1,5 +1,6 @@
 """Tests of TD3: step-by-step comparison with stable-baselines3, and the effect of each option."""
 
+import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -253,6 +254,33 @@ def test_actors_get_the_running_average_and_the_state_contains_it():
     np.testing.assert_array_equal(first_weight(from_plain), first_weight(plain))
 
 
+def test_a_loaded_learner_takes_the_same_steps_and_keeps_its_own_learning_rates():
+    rng = np.random.default_rng(0)
+    options = TD3Options(net_arch=[16])
+    uninterrupted = TD3(6, 2, options, seed=1)
+    # The next update after three is one of the policy as well.
+    for _ in range(3):
+        uninterrupted.update(_batch(rng, 32, 6, 2))
+    # A copy, as a checkpoint is: the optimisers would share their moments.
+    state = copy.deepcopy(uninterrupted.state())
+
+    loaded = TD3(6, 2, options, seed=2)
+    loaded.load(copy.deepcopy(state))
+    for _ in range(3):
+        batch = _batch(rng, 32, 6, 2)
+        uninterrupted.update(batch)
+        loaded.update(batch)
+    for parameter, expected in zip(
+        loaded.networks.parameters(), uninterrupted.networks.parameters(), strict=True
+    ):
+        assert torch.equal(parameter, expected)
+
+    slower = TD3(6, 2, TD3Options(net_arch=[16], critic_lr=1e-4), seed=2)
+    slower.load(state)
+    (group,) = slower.critic_optimizer.param_groups
+    assert group["lr"] == 1e-4
+
+
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_gpu_gives_the_same_weights():
     rng = np.random.default_rng(0)
@@ -309,6 +337,24 @@ def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
     for seed in range(10):
         td3.update(_batch(np.random.default_rng(seed), 64, 10, 3))
     assert (action_of(td3, observations) != first_actions).all()
+
+
+@pytest.mark.parametrize("is_taken_over", [True, False], ids=["a policy", "a parameter set"])
+def test_target_actions_begin_at_the_start_of_the_policy(is_taken_over):
+    """Otherwise, the critics would first learn the values of a random policy."""
+    observations = torch.rand(7, 5)
+    options = TD3Options(net_arch=[8], policy_ema_decay=0.75)
+    td3 = TD3(5, 2, options, seed=2)
+    fresh_outputs = td3.actor_target(observations)
+    if is_taken_over:
+        td3.begin_with(TD3(5, 2, options, seed=1).actor_weights())
+    else:
+        td3.begin_at([0.5, -0.25])
+
+    outputs = td3.actor(observations)
+    assert (outputs - fresh_outputs).abs().max() > 0.1
+    assert torch.equal(td3.actor_target(observations), outputs)
+    assert torch.equal(td3.policy(observations), outputs)
 
 
 def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeypatch):

@@ -108,6 +108,33 @@ def test_a_resumed_run_drives_further_episodes_and_counts_its_whole_time(tmp_pat
     assert Learner.saved(run_folder)["extra"]["elapsed"] > first_elapsed + 0.5 * first_elapsed
 
 
+def test_episodes_are_random_until_learning_starts_unless_a_policy_is_taken_over(
+    tmp_path, monkeypatch
+):
+    # Given: a run that notes how its episodes of ten steps explore
+    tasks = []
+
+    def noted(*arguments):
+        tasks.append(Collect(*arguments))
+        return tasks[-1]
+
+    monkeypatch.setattr("training.train.learner.run.Collect", noted)
+    learner = tmp_path / "learner"
+    # The noise falls by 0.1 per episode to 0.1.
+    noise = ["--exploration-noise-final", "0.1", "--exploration-noise-steps", "40"]
+    options = [*noise, *NO_EVALUATION, "--total-timesteps", "60", "--learning-starts", "30"]
+    assert main(toy(learner, *options)) == 0
+
+    # Then: the first 30 steps are random, and the noise follows the steps
+    assert [task.random for task in tasks] == [True] * 3 + [False] * 3
+    assert [task.sigma for task in tasks] == pytest.approx([0.5, 0.4, 0.3, 0.2, 0.1, 0.1])
+
+    # A policy that has been learnt explores from the first step on.
+    tasks.clear()
+    assert main(toy(tmp_path / "taken_over", *options, "--init-from", learner)) == 0
+    assert [task.random for task in tasks] == [False] * 6
+
+
 def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
     """A changed --utd-ratio applies from the resume on."""
     layout = TransitionLayout(4, 2, 2)
