@@ -57,7 +57,8 @@ class EvaluationOptions(DriveSettings):
         "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
     seed: Seed
     traces: int = option(1,
-        "Number of trials per method and world whose driven path is stored when they are driven.", ge=0, le=1000)
+        "Number of trials per method and world whose driven path is stored when they are driven.",
+        ge=0, le=1000)
     report: bool = option(True, "Write tables and figures of the trials.")
     # fmt: on
 
