@@ -258,8 +258,8 @@ class Supervisor:
         """Note a heartbeat.
 
         Returns:
-            Whether it came late by more than a period. Then move_base may have restored its start-up
-            values in the meantime.
+            Whether it came late by more than a period. move_base may then have restored its
+            start-up values in the meantime.
         """
         period = min(self.pilot.period, PERIOD)
         has_gap = self._beat_due is not None and now - self._beat_due > period
