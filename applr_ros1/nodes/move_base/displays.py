@@ -151,8 +151,8 @@ class PlanDisplay:
         rows = local_planner.trajectory_cloud(costmap)
         if len(rows):
             self._sent = stamp.to_sec()
-            # C++ stamps the cloud with its parameter global_frame_id instead, which is not the frame
-            # of the points if the local costmap has another one.
+            # C++ stamps the cloud with its parameter global_frame_id instead, which may be another
+            # frame than that of the points.
             cloud = conversions.cloud(rows, TRAJECTORY_FIELDS, self._frame, stamp)
             self._trajectories.publish(cloud)
 
