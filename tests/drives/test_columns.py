@@ -8,7 +8,15 @@ import pytest
 
 from applr_ros1.common.trees import merged
 from applr_ros1.drives.bag import rows_of
-from applr_ros1.drives.columns import COLUMNS, SECOND, Sender, column_of
+from applr_ros1.drives.columns import (
+    ACTIVE,
+    COLUMNS,
+    PREEMPTING,
+    SECOND,
+    SUCCEEDED,
+    Sender,
+    column_of,
+)
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, DriveError, Rows
 from applr_ros1.drives.received import Received, drive_from
 from applr_ros1.robots import JACKAL
@@ -118,6 +126,22 @@ def test_odometry_that_is_not_finite_is_left_out(changes):
     detector = StopDetector(JACKAL)
     for message in messages:
         detector.take(message)
+
+
+def test_only_a_message_that_says_so_is_a_contact():
+    unpack = COLUMNS["contacts"].unpack
+    message_type = COLUMNS["contacts"].type
+    assert unpack(Maker().make(message_type, {"data": True})) == [{}]
+    assert unpack(Maker().make(message_type, {"data": False})) == []
+
+
+def test_of_two_goals_that_run_the_one_that_replaces_the_other_is_pursued():
+    column = COLUMNS["goals"]
+    statuses = []
+    for goal_id, status in (("old", PREEMPTING), ("new", ACTIVE), ("before", SUCCEEDED)):
+        statuses.append({"goal_id": {"id": goal_id}, "status": status})
+    message = Maker().make(column.type, {"status_list": statuses})
+    assert column.unpack(message) == [{"running": "new"}]
 
 
 def test_a_decision_without_its_inputs_is_not_written():

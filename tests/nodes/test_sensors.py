@@ -101,6 +101,22 @@ def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
     assert "0.55 s old" in robot.sensors.pose_trouble
 
 
+@pytest.mark.parametrize(("ahead", "is_usable"), [(2.9, True), (3.1, False)])
+def test_localisation_may_be_stamped_three_seconds_ahead_and_a_pose_may_not(
+    robot, ahead, is_usable
+):
+    """amcl stamps its transform ahead, so that it holds until the next one."""
+    now = robot.time(101.0)
+    sensors = module.Sensors(("odom", "map", "base"), {}, {}, "odom")
+    for parent, child in (("map", "odom"), ("odom", "base")):
+        stamp = rospy.Time.from_sec(101.0 + ahead)
+        link = transform(parent, child, (1.0, 2.0, 0.0), stamp)
+        sensors.transforms.buffer.set_transform(link, "/amcl")
+    assert (sensors.frame(now, 0.3) is not None) is is_usable
+    assert sensors.pose(now, 0.3) is None
+    assert f"{ahead:.2f} s ahead of the clock; at most 0.3 s is allowed" in sensors.pose_trouble
+
+
 def test_topics_are_silent_until_their_first_message(robot):
     assert robot.sensors.silent_topics(besides="") == ["/scan", "/odom"]
     assert robot.sensors.silent_topics(besides="scan") == ["/odom"]

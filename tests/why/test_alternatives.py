@@ -1,5 +1,7 @@
 """Tests of alternatives: how the planner would have driven on with other values."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives
 from applr_ros1.why.alternatives import Alternative, MeanResult, guesses_of
 from applr_ros1.why.diagnosis import diagnose
+from applr_ros1.why.replay import History
 from tests.support.replays import (
     PLANNER,
 )
@@ -110,6 +113,61 @@ def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatc
     assert alternative.change == slower
     assert alternative.gain == pytest.approx(0.2)
     assert alternative.elsewhere == pytest.approx(0.2)
+
+
+def test_the_best_value_of_each_parameter_is_left_that_fits_past_obstacles(replay, monkeypatch):
+    faster = Change(PLANNER, "sim_time", 2.0, 1.0)
+    slower = Change(PLANNER, "sim_time", 2.0, 4.0)
+    other = Change(PLANNER, "occdist_scale", 0.1, 0.05)
+    little = Change(PLANNER, "path_distance_bias", 0.75, 0.6)
+
+    def values_left(clearance_before, clearance_of_faster):
+        """Return the values that are left, the best first, with these clearances [m]."""
+        # Speed [m/s] and smallest distance of obstacles [m]
+        results = {
+            None: (0.1, clearance_before),
+            faster: (0.5, clearance_of_faster),
+            slower: (0.3, 0.5),
+            other: (0.2, 0.5),
+            little: (0.105, 0.5),
+        }
+
+        def drive_on(replay, cycles, change=None):
+            return np.array([results[change]] * len(cycles))
+
+        monkeypatch.setattr(alternatives, "drive_on", drive_on)
+        tried = [slower, faster, little, other]
+        kept = alternatives.best_changes(replay, tried, replay.cycles[:4], [])
+        return [alternative.change.after for alternative in kept]
+
+    # A circle of 0.265 m fits into the Jackal's padded footprint: at 0.35 m it passes.
+    assert values_left(clearance_before=0.5, clearance_of_faster=0.35) == [1.0, 0.05]
+    assert values_left(clearance_before=0.5, clearance_of_faster=0.15) == [4.0, 0.05]
+    # A robot that was nearer already may stay so, but come no nearer.
+    assert values_left(clearance_before=0.1, clearance_of_faster=0.15) == [1.0, 0.05]
+    assert values_left(clearance_before=0.2, clearance_of_faster=0.15) == [4.0, 0.05]
+
+
+def test_values_are_tried_up_to_the_default_and_none_that_the_owner_sets(replay):
+    def changes_from(sim_time):
+        """Return the changes that are tried from a value of sim_time, whose default is 1.7 s."""
+        change = Change(PLANNER, "sim_time", 2.0, sim_time)
+        history = History([-np.inf], [replay.settings.with_(change)])
+        return alternatives.changes_to_try(replace(replay, history=history))
+
+    for sim_time, expected in (
+        (5.0, [1.7, 2.5, 10.0]),  # the default, half and twice the value
+        (2.0, [1.7, 4.0]),  # Half of it lies beyond the default.
+        (1.0, [0.5, 1.7]),  # So does twice this value.
+        (1.8, [3.6]),  # The default is less than a tenth away.
+    ):
+        changes = changes_from(sim_time)
+        values = [change.after for change in changes if change.name == "sim_time"]
+        assert values == expected, sim_time
+
+    names = {change.name for change in changes_from(2.0)}
+    assert {"sim_time", "vx_samples", "inflation_radius"} <= names
+    assert not names & {"max_vel_x", "min_vel_x", "escape_vel", "holonomic_robot", "dwa"}
 
 
 def test_another_inflation_applies_to_the_recorded_map(replay):

@@ -38,6 +38,19 @@ def kinds(drive):
     return [event.kind for event in found(drive)]
 
 
+def with_gap(drive, first_row, end_row):
+    """Return a drive without some rows of its odometry."""
+    odometry = drive.odometry
+    kept_rows = np.r_[0:first_row, end_row : len(odometry)]
+    received = Motion(
+        odometry.time[kept_rows],
+        odometry.stamp[kept_rows],
+        odometry.pose[kept_rows],
+        odometry.twist[kept_rows],
+    )
+    return replace(drive, odometry=received)
+
+
 # -- events
 # Velocities (v, w) of one event each, longer than the shortest one that counts: 0.1 m/s lie below a
 # quarter of the top speed, 0.2 m/s below half of it, and the last turn rate changes its sign four
@@ -80,6 +93,15 @@ def test_each_kind_of_event_is_seen_in_the_measured_motion_with_begin_and_end(ki
     assert event.kind == kind
     assert event.begin == pytest.approx(3.0, abs=slack)
     assert event.end == pytest.approx(3.0 + duration, abs=slack)
+
+
+def test_slow_or_rare_changes_of_the_turn_are_no_swings():
+    # 0.3 rad/s lie below a quarter of the top turn rate: the heading is corrected all the time.
+    corrections = ([(0.5, 0.3)] * 5 + [(0.5, -0.3)] * 5) * 8
+    assert kinds(drive_of(DRIVES + corrections + DRIVES)) == []
+    # A slalom turns the other way every 1.2 s.
+    slalom = ([(0.5, 0.8)] * 24 + [(0.5, -0.8)] * 24) * 3
+    assert kinds(drive_of(DRIVES + slalom + DRIVES)) == []
 
 
 def test_a_robot_that_gains_no_way_goes_to_and_fro():
@@ -125,6 +147,10 @@ def test_there_are_no_events_without_a_goal():
     odometry = drive.odometry
     early_commands = Commands(odometry.time[:60], odometry.twist[:60])
     assert kinds(replace(without_status, planned=early_commands)) == []
+    # Nor was there one before the first command to move.
+    waits_first = drive_of(STANDS + DRIVES)
+    assert kinds(waits_first) == ["stood"]
+    assert kinds(replace(waits_first, goals=[])) == []
 
 
 def test_events_that_follow_each_other_at_one_place_are_one_trap():
@@ -141,20 +167,34 @@ def test_events_that_follow_each_other_at_one_place_are_one_trap():
 
 
 def test_a_gap_of_the_odometry_is_an_event():
-    drive = drive_of(DRIVES * 3)
-    received_rows = np.r_[0:60, 100:180]
-    odometry = drive.odometry
-    drive.odometry = Motion(
-        odometry.time[received_rows],
-        odometry.stamp[received_rows],
-        odometry.pose[received_rows],
-        odometry.twist[received_rows],
-    )
+    drive = with_gap(drive_of(DRIVES * 3), 60, 100)
     (gap,) = found(drive)
     assert gap.kind == UNHEARD
     # From the last message before the gap, row 59, to the first one after it, row 100
     assert gap.begin == pytest.approx(2.95)
     assert gap.end == pytest.approx(5.0)
+    # After its last goal, nobody waits for the robot.
+    assert kinds(replace(drive, goals=[Goal("one", 0.0, 2.0)])) == []
+
+
+def test_a_stop_at_the_same_place_on_the_next_round_is_another_event():
+    # A circle of 1.25 m radius takes 15.7 s, more than the 10 s within which stops are one trap.
+    round_trip = [(0.5, 0.4)] * 314
+    drive = drive_of(DRIVES + STANDS + round_trip + STANDS + DRIVES)
+    first_stop, second_stop = found(drive)
+    assert first_stop.place == pytest.approx(second_stop.place, abs=0.05)
+    assert second_stop.begin - first_stop.end == pytest.approx(15.7, abs=0.1)
+
+
+def test_a_silence_and_a_wait_at_the_goal_are_no_part_of_a_trap_beside_them():
+    # It stands from 3 to 12 s, and is not heard of from 6 to 8 s.
+    silent = with_gap(drive_of(DRIVES + STANDS * 3 + DRIVES), 120, 160)
+    assert kinds(silent) == ["stood", UNHEARD, "stood"]
+
+    # It stands 0.4 m before its goal, and then 0.2 m, within the tolerance.
+    a_little_on = [(0.2, 0.0)] * 20
+    arrives = drive_of(DRIVES + STANDS + a_little_on + STANDS * 2, goal=(1.9, 0.0))
+    assert kinds(arrives) == ["stood", AT_GOAL]
 
 
 # -- reasons
@@ -198,6 +238,28 @@ def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
     assert silence(all_times[is_early]) == "there was no scan for 6.2 s"
 
 
+def test_silent_odometry_is_a_reason(stopped):
+    odometry = stopped.odometry.part(slice(0, 56))
+    # Its last message comes at 2.75 s, and commands go on until 8.95 s.
+    drive = replace(stopped, odometry=odometry)
+    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 6.2 s"
+
+
+def test_a_silence_counts_until_a_second_before_the_stop_and_beyond_the_usual_gaps(stopped):
+    def silence(times):
+        """Return the reason if scans come only at these times [s]."""
+        return reasons.silent(stretch_of(replace(stopped, scans=scans_of(times, times))))
+
+    all_times = np.arange(0.0, 9.0, 0.1)
+    # The stretch begins at 3 s. Both silences are longer than half of it.
+    until_half_a_second_before = (all_times > 0.25) & (all_times < 2.45)
+    assert silence(all_times[~until_half_a_second_before]) == "there was no scan for 2.3 s"
+    until_a_second_and_more_before = (all_times > 0.05) & (all_times < 1.75)
+    assert silence(all_times[~until_a_second_and_more_before]) == ""
+    # A laser that scans every two seconds is slow, not silent.
+    assert silence(np.arange(0.0, 9.0, 2.0)) == ""
+
+
 def test_a_planner_that_sends_nothing_is_silent(stopped):
     planned = stopped.planned
     is_sent = planned.time < 2.5
@@ -238,6 +300,25 @@ def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
     assert jump([0.0, 0.0, -1.0]) == "the heading jumped by 1.0 rad"
 
 
+def test_a_heading_across_the_back_and_a_jump_long_after_the_begin_are_no_reason(stopped):
+    odometry = stopped.odometry
+
+    def jump(poses):
+        """Return the reason with these poses."""
+        return reasons.jumping(stretch_of(replace(stopped, odometry=replace(odometry, pose=poses))))
+
+    # From 3.12 to -3.12 rad the heading turns by 0.04 rad across the back.
+    turned_poses = odometry.pose.copy()
+    turned_poses[:, 2] = np.where(odometry.time < 2.0, 3.12, -3.12)
+    assert jump(turned_poses) == ""
+
+    # The cause of a stop at 3 s may show until 4 s.
+    for time, reason in ((3.9, "the pose jumped by 0.8 m"), (4.5, "")):
+        moved_poses = odometry.pose.copy()
+        moved_poses[odometry.time >= time, 0] += 0.8
+        assert jump(moved_poses) == reason, time
+
+
 def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     odometry = stopped.odometry
     poses = odometry.pose.copy()
@@ -248,6 +329,31 @@ def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     give_outside_reason(event, drive, 0.05)
     assert event.reason == "the pose jumped by 0.8 m"
     assert event.is_outside
+
+
+def test_causes_come_before_what_follows_from_them(stopped):
+    planned = stopped.planned
+    early_commands = planned.part(slice(0, 50))
+    no_commands = Commands(planned.time, 0.0 * planned.twist)
+    early_times = np.arange(0.0, 2.5, 0.1)
+    no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
+    wall = Verdicts(np.array([0.0]), ["stop"], ["a wall"])
+    for columns, reason in (
+        # Without a scan, or without a plan, the planner sends nothing.
+        (
+            {"scans": scans_of(early_times, early_times), "planned": early_commands},
+            "there was no scan for 6.5 s",
+        ),
+        ({"routes": no_path, "planned": early_commands}, "the global planner finds no path"),
+        # What the monitor stops does not reach the base.
+        (
+            {"verdicts": wall, "commands": no_commands},
+            "the collision monitor intervenes 100 % of the time: a wall",
+        ),
+    ):
+        event = Event("stood", 3.0, 6.0, (1.5, 0.0))
+        give_outside_reason(event, replace(stopped, **columns), 0.05)
+        assert event.reason == reason
 
 
 def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
@@ -292,6 +398,14 @@ def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
     assert held((6.5, "stop", "a wall")) == ""
 
 
+def test_of_several_reasons_the_monitor_held_for_the_one_of_most_time_is_said(stopped):
+    # From 3 to 6 s: 0.9 s for the wall, 1.2 s for the chair, and 0.9 s for the wall again
+    times = np.array([1.0, 3.9, 5.1])
+    verdicts = Verdicts(times, ["stop"] * 3, ["a wall", "a chair", "a wall"])
+    words = reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
+    assert words == "the collision monitor intervenes 100 % of the time: a wall"
+
+
 def test_a_reversal_that_the_monitor_delays_is_a_reason_and_other_braking_is_none(stopped):
     def held(since, reason):
         """Return the reason if the monitor brakes the base from a time [s] on."""
@@ -332,6 +446,26 @@ def test_a_base_that_does_not_follow_is_a_reason(stopped):
     assert reasons.unmoved(stretch_of(stopped)) == words
     # From 6 s on the robot drives as it is told.
     assert reasons.unmoved(stretch_of(stopped, 6.0, 9.0)) == ""
+
+
+def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_reason(stopped):
+    def with_commands(twist, measured=(0.0, 0.0)):
+        """Return the drive if this is commanded, and the base drives as measured, all the time."""
+        commands = Commands(stopped.planned.time, np.tile(twist, (180, 1)))
+        odometry = replace(stopped.odometry, twist=np.tile(measured, (180, 1)))
+        return replace(stopped, planned=commands, commands=commands, odometry=odometry)
+
+    turns = with_commands((0.0, 0.4))
+    words = "the base did not follow its commands of 0.40 rad/s"
+    assert reasons.unmoved(stretch_of(turns)) == words
+    nothing = Commands(turns.planned.time, 0.0 * turns.planned.twist)
+    words = "move_base commanded 0.40 rad/s, but nothing of it reached the base"
+    assert reasons.stopped(stretch_of(replace(turns, commands=nothing))).startswith(words)
+
+    # A base that turns on the spot as it is told follows.
+    assert reasons.unmoved(stretch_of(with_commands((0.0, 0.4), measured=(0.0, 0.4)))) == ""
+    # Commands so small ask for no motion.
+    assert reasons.unmoved(stretch_of(with_commands((0.04, 0.15)))) == ""
 
 
 def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped):

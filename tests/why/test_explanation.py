@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import what_happened
-from applr_ros1.why.diagnosis import diagnose
-from applr_ros1.why.explanation import explain, part_of_robot
+from applr_ros1.why.diagnosis import diagnose, explain_event
+from applr_ros1.why.events import AT_GOAL, Event
+from applr_ros1.why.explanation import at_goal, beside, explain, part_of_robot
 from applr_ros1.why.moment import Memory
 from applr_ros1.why.stretch import SLOW
 from sim_bridge.kinematic_simulator import KinematicSimulator
@@ -228,6 +230,48 @@ def test_samples_that_dwa_refuses_are_explained():
     oscillates = replace(last_cycle, memory=all_flags_set)
     last_line = explain(replay, oscillates).lines[-1]
     assert "is refused by the critic oscillation" in last_line
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        # At 0.4 rad/s, a cycle of 0.05 s turns by 0.02 rad: past 0.008 rad on both sides.
+        (
+            {"yaw_goal_tolerance": 0.008},
+            "yaw_goal_tolerance 0.008 is smaller than the turn of one cycle at min_vel_theta 0.4",
+        ),
+        # Within 0.012 rad on both sides, one cycle ends.
+        (
+            {"yaw_goal_tolerance": 0.012},
+            "it does not come within xy_goal_tolerance 0.1 and yaw_goal_tolerance 0.012 of the "
+            "goal at once",
+        ),
+        # TrajectoryPlannerROS turns on the spot by a parameter of its own.
+        (
+            {"yaw_goal_tolerance": 0.02, "min_vel_theta": -0.4, "min_in_place_vel_theta": 1.0},
+            "yaw_goal_tolerance 0.02 is smaller than the turn of one cycle "
+            "at min_in_place_vel_theta 1",
+        ),
+    ],
+)
+def test_a_robot_that_does_not_end_its_goal_has_a_tolerance_that_it_cannot_meet(values, words):
+    read_once = {"xy_goal_tolerance": 0.1, "yaw_goal_tolerance": 0.5, "min_vel_theta": 0.4}
+    planner = SimpleNamespace(name=PLANNER, period=0.05, start_values=read_once)
+    assert at_goal(planner, {PLANNER: values}) == words
+
+
+def test_a_wait_at_the_goal_is_explained_by_the_tolerances_and_another_event_is_not(sound):
+    waits = Event(AT_GOAL, 5.0, 5.5, (0.0, 0.0))
+    creeps = Event("crept", 5.0, 5.5, (0.0, 0.0))
+    for event in (waits, creeps):
+        explain_event(sound, event)
+    assert waits.reason.startswith("it does not come within xy_goal_tolerance 0.25 and ")
+    assert "tolerance" not in creeps.reason
+
+
+def test_a_place_beside_the_robot_is_said_in_positive_numbers():
+    assert beside(0.5, 0.2) == "0.50 m ahead and 0.20 m to the left"
+    assert beside(-0.5, -0.2) == "0.50 m behind and 0.20 m to the right"
 
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():

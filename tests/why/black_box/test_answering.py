@@ -9,12 +9,14 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Verdicts
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
+from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
 from applr_ros1.why.black_box.stops import SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
+from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.raw_messages import deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
@@ -132,6 +134,26 @@ def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path)
     stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
     *_, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
     assert answer.kind == "crept"
+
+
+def test_of_two_stops_the_one_that_was_found_is_answered_or_the_latest_if_somebody_saves(tmp_path):
+    # Given: a drive of another planner, whose stops last from 3 to 12 s and from 18 to 24 s
+    tree = JACKAL.parameters()
+    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
+    teb = driving(JACKAL, tree)
+    drive = drive_of(DRIVES + STANDS * 3 + DRIVES * 2 + STANDS * 2 + DRIVES)
+    drive = replace(drive, planners=["TebLocalPlannerROS"], plans=None)
+    for kind, begin, end, expected in (
+        ("stood", 4.0, 9.0, 3.0),
+        ("stood", 11.0, 23.0, 18.0),  # It overlaps the second stop most.
+        (SAVED, 25.0, 25.0, 18.0),  # The first one was longer.
+    ):
+        # When: one of the stops is found, or somebody saves
+        stop = RobotStop(kind, BEGIN_S + begin, BEGIN_S + end, (0.0, 0.0))
+        (answer,) = answers(tmp_path / f"{begin}.bag", teb, drive, stop)
+        # Then: this stop is answered
+        assert answer.kind == "stood"
+        assert answer.begin == pytest.approx(BEGIN_S + expected, abs=0.1)
 
 
 def test_somebody_who_asks_to_save_before_any_stop_is_told_so(spoilt, tmp_path):
