@@ -113,6 +113,13 @@ def test_stops_before_it_turns():
     assert w == pytest.approx(0.6)
 
 
+@pytest.mark.parametrize(("speed", "turns"), [(0.01, True), (0.011, False)])
+def test_a_robot_up_to_a_centimetre_per_second_counts_as_stopped(speed, turns):
+    planner = local_planner(straight(1.0, yaw=1.5))
+    _, (_, w) = command(planner, AT_GOAL, (speed, 0.0))
+    assert (w > 0.0) is turns
+
+
 def test_turning_obeys_max_rotational_vel_and_not_the_server():
     planner = local_planner(straight(1.0, yaw=3.0), max_rotational_vel=0.8)
     assert command(planner, AT_GOAL) == (True, (0.0, 0.8))

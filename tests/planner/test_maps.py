@@ -127,6 +127,7 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
     [
         ((0, 3), 0.1),
         ((3, 3), math.nan),
+        ((3, 3), 0.0),
     ],
 )
 def test_a_map_without_cells_or_resolution_is_refused(shape, resolution):
@@ -148,6 +149,25 @@ def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_th
     costmap.update(HERE)
     assert costmap.size == (N + 5, N + 5)
     assert (costmap.cells[:N, :N] == 254).all()
+
+
+def test_a_map_that_is_switched_on_again_is_written_as_a_whole():
+    # Given: an occupied map below a layer that lets only the robot's surroundings be written
+    seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
+    costmap = make_costmap(LayerDescription("static", StaticParameters()), seen)
+    costmap.set_map("map", map_of(100))
+    costmap.update(HERE)
+    assert (costmap.cells == LETHAL).all()
+
+    # When: the map is off for a while
+    costmap.configure("static", enabled=False)
+    costmap.update(HERE)
+    assert 0 < np.count_nonzero(costmap.cells == 0) < 100
+    costmap.configure("static", enabled=True)
+
+    # Then: it comes back where the robot was, too
+    costmap.update((1.5, 1.5, 0.0))
+    assert (costmap.cells == LETHAL).all()
 
 
 def map_of(value, side=N):
@@ -337,12 +357,12 @@ def test_observation_persistence_and_silence_of_a_source():
     assert ObservationBuffer(Source()).is_current(99.0)
 
 
-def router_of(*buffers):
+def router_of(*buffers, enabled=True, scan_timeout=0.5):
     """Return a router to the buffers of one obstacle layer, with a patience of 0.5 s."""
-    layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True), buffers=list(buffers))
+    layer = SimpleNamespace(parameters=SimpleNamespace(enabled=enabled), buffers=list(buffers))
     local_costmap = SimpleNamespace(obstacle_layers=[layer])
     global_costmap = SimpleNamespace(obstacle_layers=[])
-    return ObservationRouter(local_costmap, global_costmap, 0.5)
+    return ObservationRouter(local_costmap, global_costmap, scan_timeout)
 
 
 # One beam
@@ -404,6 +424,33 @@ def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     assert stamps(of_scan) == [100.1, 100.0]
     assert stamps(of_other) == [99.9]
     assert router.silent(100.41) == ("other", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("data_type", "clearing", "must_speak"),
+    [
+        ("LaserScan", False, True),
+        ("PointCloud2", True, True),
+        ("PointCloud2", False, False),  # a bumper, which reports only contacts
+    ],
+)
+def test_lasers_and_sources_that_clear_must_speak_unless_scan_timeout_is_0(
+    data_type, clearing, must_speak
+):
+    source = Source(topic="front", data_type=data_type, clearing=clearing)
+    expected = ("front", 0.5) if must_speak else None
+    assert router_of(ObservationBuffer(source)).silent(1.0) == expected
+    assert router_of(ObservationBuffer(source), scan_timeout=0.0).silent(1.0) is None
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_layer_that_is_switched_off_has_no_expected_rate_but_its_laser_must_speak(enabled):
+    buffer = ObservationBuffer(Source(expected_update_rate=0.2))
+    router = router_of(buffer, enabled=enabled)
+    router.take({"scan": replace(SCAN, stamp=10.0)}, 10.0, None)
+    # Later than the expected rate, and then later than the router's patience
+    assert router.silent(10.3) == (("scan", 0.2) if enabled else None)
+    assert router.silent(10.6) == ("scan", 0.2 if enabled else 0.5)
 
 
 # Of half the yaw of LEVEL, for quaternions
@@ -568,6 +615,69 @@ def test_a_map_survives_a_reset():
     x, y, _ = move_base.global_plan.T
     y_at_wall = y[np.argmin(np.abs(x - 2.1))]
     assert 0.9 < y_at_wall < 2.1, "the plan does not lead through the door"
+
+
+def with_static_layer(costmap_name, costmap_values, **static_values):
+    """Return MoveBase whose costmap of this name has other values, and a static layer. The global
+    costmap is in the frame map, the local one in odom.
+    """
+    tree = copy.deepcopy(quick())
+    tree["global_costmap"]["global_frame"] = "map"
+    costmap = tree[costmap_name]
+    costmap.update(costmap_values, static=static_values)
+    costmap["plugins"].insert(0, STATIC_LAYER)
+    return MoveBase(tree)
+
+
+@pytest.mark.parametrize(
+    ("costmap_name", "map_frame", "post", "expected"),
+    [
+        # The odometry's frame is at (2, 1) in the map's, turned to the left.
+        ("local_costmap", "map", (2.0, 3.0), (2.0, 0.0)),
+        ("global_costmap", "odom", (2.0, 0.0), (2.0, 3.0)),
+        ("local_costmap", "odom", (2.0, 0.0), (2.0, 0.0)),
+        ("global_costmap", "map", (2.0, 3.0), (2.0, 3.0)),
+    ],
+)
+def test_a_rolling_costmap_shows_a_map_of_either_frame_in_its_own(
+    costmap_name, map_frame, post, expected
+):
+    rolling = {"rolling_window": True, "width": 6, "height": 6}
+    move_base = with_static_layer(costmap_name, rolling)
+    static_map = free_map(100, 100, 0.1, (-5.0, -5.0), map_frame)
+    column, row = (round((coordinate + 5.0) / 0.1) for coordinate in post)
+    # 2 x 2 cells around the post
+    static_map.cells[row - 1 : row + 1, column - 1 : column + 1] = 100
+    move_base.set_map(static_map)
+    move_base.step(0.0, HERE, (0.0, 0.0), local_origin=(2.0, 1.0, 0.5 * math.pi))
+    costmap = move_base.costmaps[costmap_name]
+    rows, columns = np.nonzero(costmap.cells == LETHAL)
+    x = costmap.origin[0] + (columns.mean() + 0.5) * costmap.resolution
+    y = costmap.origin[1] + (rows.mean() + 0.5) * costmap.resolution
+    assert (x, y) == pytest.approx(expected, abs=costmap.resolution)
+
+
+def lethal_after_a_reset(move_base):
+    """Return whether a cell of the global costmap is lethal after a reset."""
+    move_base.reset(1.0)
+    move_base.step(1.0, HERE, (0.0, 0.0))
+    return bool((move_base.global_costmap.cells == LETHAL).any())
+
+
+@pytest.mark.parametrize("subscribes", [True, False])
+def test_a_reset_keeps_the_updates_of_a_map(subscribes):
+    move_base = with_static_layer("global_costmap", {}, subscribe_to_updates=subscribes)
+    move_base.set_map(free_map(100, 100, 0.1, (-5.0, -5.0)))
+    move_base.update_map("map", 70, 50, np.full((2, 2), 100, np.int8))
+    assert lethal_after_a_reset(move_base) is subscribes
+
+
+@pytest.mark.parametrize("first_only", [True, False])
+def test_a_reset_shows_the_map_that_was_in_use(first_only):
+    move_base = with_static_layer("global_costmap", {}, first_map_only=first_only)
+    move_base.set_map(free_map(40, 40, 0.1, (-2.0, -2.0)))
+    move_base.set_map(map_of(100))
+    assert lethal_after_a_reset(move_base) is not first_only
 
 
 @pytest.mark.parametrize("allowed", [True, False])

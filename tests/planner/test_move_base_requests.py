@@ -231,6 +231,17 @@ def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
     assert len(move_base.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0
 
 
+@pytest.mark.parametrize(("tolerance", "is_found"), [(0.0, False), (0.6, True)])
+def test_a_plan_may_end_within_default_tolerance_of_an_occupied_goal(tolerance, is_found):
+    move_base = MoveBase(quick(NavfnROS={"default_tolerance": tolerance}))
+    robot = ToyRobot(circles=[(2.0, 0.0, 0.1)])
+    run(move_base, robot, 0.1)
+    plan = move_base.plan(robot.pose, (2.0, 0.0, 0.0))
+    assert (len(plan) > 0) is is_found
+    for x, y, _ in plan[-1:]:
+        assert max(abs(x - 2.0), abs(y)) <= 0.6 + 1e-9
+
+
 def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     move_base = MoveBase(quick())
     robot = ToyRobot(circles=[(0.45, 0.0, 0.1)])

@@ -2,6 +2,7 @@
 layers of any name.
 """
 
+import copy
 import math
 
 import numpy as np
@@ -73,6 +74,27 @@ def test_listed_recoveries_replace_the_defaults():
     assert clearing.side == 6.0
     # As in C++, there are none.
     assert recovery.build(complete(dict(JACKAL_PARAMETERS, recovery_behaviors=[]))) == []
+
+
+def test_only_the_default_list_loses_its_rotations():
+    """As in C++, clearing_rotation_allowed does not concern a list of one's own."""
+    tree = dict(JACKAL_PARAMETERS, clearing_rotation_allowed=False)
+    behaviours = recovery.build(complete(tree))
+    assert [behaviour.name for behaviour in behaviours] == [
+        "conservative_reset",
+        "aggressive_reset",
+    ]
+    tree["recovery_behaviors"] = [{"name": "turn", "type": RECOVERY_TYPES[1]}]
+    (rotation,) = recovery.build(complete(tree))
+    assert type(rotation) is recovery.RotateRecovery
+
+
+def test_the_aggressive_reset_keeps_a_square_of_four_radii_of_the_local_costmap():
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
+    tree["local_costmap"]["circumscribed_radius"] = 0.5
+    tree["global_costmap"]["circumscribed_radius"] = 0.7
+    aggressive_reset = recovery.build(complete(tree))[2]
+    assert aggressive_reset.side == 2.0
 
 
 def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():

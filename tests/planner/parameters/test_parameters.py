@@ -165,6 +165,12 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
         ("rotate_recovery/sim_granularity", 1e-9, "100000 points"),
         ("controller_frequency", 0, "is 0: give a number above 0"),
         ("local_costmap/width", 100000, "cells"),
+        # in millimetres
+        (
+            "local_costmap/footprint",
+            "[[210, 165], [-210, 165], [-210, -165], [210, -165]]",
+            "give at least three points, .* in metres",
+        ),
         (
             "local_costmap/resolution",
             20.0,
@@ -548,6 +554,8 @@ class TestConfiguration:
         ):
             config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
             assert config[PLANNER][name] == config[PLANNER][older] == 0.33
+        both = config.request(PLANNER, {"pdist_scale": 0.5, "path_distance_bias": 0.25})
+        assert both["path_distance_bias"] == both["pdist_scale"] == 0.25, "the newer name wins"
         # rqt_reconfigure sends all values after one changes.
         everything = dict(config[PLANNER], pdist_scale=0.5)
         accepted = config.request(PLANNER, everything)
