@@ -303,6 +303,24 @@ def test_obstacle_points_count_as_far_as_the_body_may_reach(changes, command, ag
         assert verdict.action == action
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_space_just_past_the_stop_must_be_observed(side):
+    """A cell that was observed in part counts as observed: the robot keeps 1.5 cells away."""
+    speed = 0.5
+    # All cells up to x = 0 are observed. They are stored modulo their number.
+    cells = np.ones((120, 120), np.uint8)
+    cells[:20] = 0
+    yaw = 0.0 if side > 0.0 else math.pi  # Driving backwards, it faces away from there.
+
+    def passes(distance):
+        seen = SeenCells(cells, -100, -60, -(FRONT + distance), 0.0, yaw)
+        command = (side * speed, 0.0)
+        return safe_scale_of([], BaseMotion(*command), command, BRAKING, seen=seen) == 1.0
+
+    expected = speed * 0.15 + braking_distance(speed, 1.9) + 1.5 * CELL_M
+    assert smallest_passing(0.0, 2.0, passes) == pytest.approx(expected, abs=0.02)
+
+
 def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     """The fastest corner of the body moves at creep_speed."""
     monitor = CollisionMonitor(SETTINGS)
