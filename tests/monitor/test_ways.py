@@ -333,6 +333,20 @@ def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     assert verdict.command == pytest.approx((0.0, largest_w))
 
 
+@pytest.mark.parametrize("command", [(-0.5, 0.0), (-0.5, 1.5), (-0.5, -1.5), (-0.1, 0.4)])
+def test_no_point_of_the_body_creeps_faster_than_creep_speed(command):
+    """In a turn, its outer corners are up to twice as fast as its origin."""
+    monitor = CollisionMonitor(SETTINGS)
+    monitor.add_scan(scan_of(wall(2.0), HERE))
+    verdict = monitor.filter(0.0, HERE, AT_REST, command)
+    assert "creeping" in verdict.reason
+    v, w = verdict.command
+    speeds = []
+    for x, y in SETTINGS.body:
+        speeds.append(math.hypot(v - w * y, w * x))
+    assert max(speeds) == pytest.approx(SETTINGS.creep_speed)
+
+
 @pytest.mark.parametrize(
     "outline",
     [
