@@ -558,7 +558,7 @@ class CollisionMonitor:
     def _creep_scale(self, command: Twist) -> float:
         """Return the factor, at most 1, at which no point of the body exceeds creep_speed."""
         v, w = command
-        return min(1.0, self.settings.creep_speed / max(abs(v), self._radius * abs(w)))
+        return min(1.0, self.settings.creep_speed / stopping.fastest_of(self._body.edge, v, w))
 
     def _points_in_reach(
         self, pose: Pose, motions: List[BaseMotion], command: Twist, delay: Delay

@@ -570,15 +570,22 @@ def is_seen(seen: SeenCells, edge: Array, place: BodyPose) -> bool:
 
 
 @kernel
+def fastest_of(edge: Array, v: float, w: float) -> float:
+    """Return the speed of the fastest point of a body's edge (n, 2) [m/s]."""
+    fastest = 0.0
+    for number in range(edge.shape[0]):
+        fastest = max(fastest, math.hypot(v - w * edge[number, 1], w * edge[number, 0]))
+    return fastest
+
+
+@kernel
 def _is_seen_beyond(seen: SeenCells, edge: Array, pose: Pose, v: float, w: float) -> bool:
     """Return whether the space BEYOND_M past the stopping pose is observed.
 
     True if the command is a stop. The robot is assumed to go on as commanded, v [m/s] and w
     [rad/s], without slip to the side: it is not about to brake there.
     """
-    fastest = 0.0  # speed of the body's fastest point [m/s]
-    for number in range(edge.shape[0]):
-        fastest = max(fastest, math.hypot(v - w * edge[number, 1], w * edge[number, 0]))
+    fastest = fastest_of(edge, v, w)
     if fastest == 0.0:
         return True
     x, y, yaw = pose

@@ -382,6 +382,30 @@ def test_a_forgotten_point_at_the_edge_of_the_window_leaves_the_other_edge(
     assert set(map(tuple, unknown)) == set(expected)
 
 
+@pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_space_that_enters_the_window_is_unknown(direction):
+    """Its cells are stored where those were that the window has left, and these were observed."""
+    # Given: a window of observed space
+    no_body = np.zeros((0, 3)), 0.0
+    space = SeenSpace(1.0)
+    space.stand(*no_body, HERE)
+    space.cells[:] = 1
+    side_cells = len(space.cells)
+    old_corner = space.corner.copy()
+
+    # When: the robot drives on by 7.5 cells
+    x, y = 7.5 * CELL_M * np.array(direction)
+    space.stand(*no_body, (x, y, 0.0))
+
+    # Then: the cells that were in the window before are observed, no others
+    assert abs(space.corner - old_corner).max() >= 7
+    indices = space.corner[:, None] + np.arange(side_cells)
+    was_inside = (indices >= old_corner[:, None]) & (indices < old_corner[:, None] + side_cells)
+    stored_x, stored_y = indices % side_cells
+    is_observed = space.cells[stored_x[:, None], stored_y] == 1
+    np.testing.assert_array_equal(is_observed, np.outer(*was_inside))
+
+
 def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides():
     """Farther than 1.14 m, beams one degree apart may have an obstacle of 2 cm between them."""
     seen = SeenSpace(8.0)

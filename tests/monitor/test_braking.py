@@ -12,9 +12,11 @@ from applr_ros1.monitor.monitor import (
     SLOW,
     STOP,
     CollisionMonitor,
+    MonitorOutput,
     Verdict,
 )
-from tests.monitor.scenes import BEHIND, across, scan_of, wall
+from applr_ros1.monitor.motion import PoseVelocity
+from tests.monitor.scenes import BEHIND, HERE, SETTINGS, across, scan_of, wall
 
 CYCLE_S = 0.05  # time between two commands [s]
 DRIVEN_CYCLES = 12  # cycles before the change of direction
@@ -121,6 +123,33 @@ def test_a_base_whose_slide_is_unknown_is_braked_gently():
     verdict = reversal(cycle_s=0.3)[0]
     assert (verdict.action, verdict.reason) == (BRAKE, REVERSING)
     assert verdict.command[0] == pytest.approx(SPEED - 0.6 * 0.3)
+
+
+@pytest.mark.parametrize(
+    ("commanded_w", "wheel_w", "pose_w", "v"),
+    [
+        (0.0, 0.0, 0.0, -0.5),
+        (0.2, 0.0, 0.0, SPEED - 0.6 * CYCLE_S),
+        (0.0, -0.2, 0.0, SPEED - 0.6 * CYCLE_S),
+        (0.0, 0.0, 0.2, SPEED - 0.6 * CYCLE_S),
+    ],
+    ids=["straight on", "commanded", "wheels", "poses"],
+)
+def test_a_base_that_turns_by_any_measure_does_not_reverse_at_once(commanded_w, wheel_w, pose_w, v):
+    # Given: a base in free space, whose poses show a turn about the centre of rotation, no slip
+    monitor = CollisionMonitor()
+    monitor.add_scan(scan_of((), BEHIND, -0.1))
+    monitor.seen.cells[:] = 1
+    monitor.add_scan(scan_of((), HERE, 0.0))
+    leftward = -SETTINGS.turn_ahead * pose_w
+    monitor.motion.take = lambda stamp, pose, v: None
+    monitor.motion.velocity = PoseVelocity(SPEED, pose_w, leftward)
+    monitor.motion.baseline = 0.25
+    monitor.output = MonitorOutput(-CYCLE_S, SPEED, commanded_w)
+
+    # Then: it only reverses at once if none of the turn rates shows a turn
+    verdict = monitor.filter(0.0, HERE, (SPEED, wheel_w), BACK)
+    assert verdict.command[0] == pytest.approx(v)
 
 
 @pytest.mark.parametrize("changes", [{"last_command": 1.0}, {"wheel_speed": 0.31}])

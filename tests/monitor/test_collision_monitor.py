@@ -18,7 +18,9 @@ from applr_ros1.monitor.monitor import (
     Verdict,
 )
 from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import BaseMotion, penetration
+from applr_ros1.robots import JACKAL
 from tests.monitor.scenes import (
     AT_REST,
     BEAMS,
@@ -97,6 +99,13 @@ def test_a_base_slower_than_commanded_is_braked_from_its_measured_speed(sign):
     # It rolls back already: a command ahead would drive it on. Nor does it gain speed again.
     assert monitor.braked(0.40, -0.5 * sign) == (0.0, 0.0)
     assert monitor.braked(0.41, 2.0 * sign) == (0.0, 0.0)
+
+
+def test_a_clock_that_was_set_back_speeds_no_base_up():
+    """The negative time since the last output would add to the speed, instead of braking."""
+    monitor = CollisionMonitor()
+    monitor.braked(10.0, 1.0, (1.0, 0.5))
+    assert monitor.braked(9.0, 1.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -273,6 +282,24 @@ def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, kept
     assert np.sum(is_at_post) == kept
 
 
+@pytest.mark.parametrize(("distance", "is_kept"), [(0.08, True), (0.12, False)])
+def test_an_obstacle_within_range_min_is_kept_whatever_the_beams_show(distance, is_kept):
+    """The robot drives up to a post. Nearer than 0.1 m, no beam can end on it."""
+    far_ranges = np.full(360, 3.0, np.float32)
+    with_post = far_ranges.copy()
+    with_post[[-2, -1, 0, 1, 2]] = 0.5
+    post_x = LASER + 0.5
+    memory = ObstacleMemory()
+    memory.update(scan_of([], HERE, 0.0, ranges=with_post, **TURN))
+
+    pose = (0.5 - distance, 0.0, 0.0)
+    memory.update(scan_of([], pose, 1.0, ranges=far_ranges, **TURN))
+
+    x, y = memory.points.T
+    is_at_post = np.hypot(x - post_x, y) < 0.05
+    assert is_at_post.any() == is_kept
+
+
 def test_a_full_memory_forgets_the_oldest_points(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1000)
     memory = ObstacleMemory()
@@ -328,6 +355,43 @@ def test_a_frozen_image_of_a_standing_robot_is_no_fault():
     image = scan_of(wall(3.0), HERE).ranges
     for step in range(50):
         assert standing.add_scan(scan_of([], HERE, 0.05 * step, ranges=image)) == ""
+
+
+@pytest.mark.parametrize(
+    ("motion", "is_frozen"),
+    [
+        ((0.031, 0.0, 0.0), True),
+        ((0.0, -0.031, 0.0), True),
+        ((0.0, 0.0, 0.031), True),
+        ((0.0, 0.0, -0.031), True),
+        ((0.029, 0.0, 0.029), False),
+    ],
+)
+def test_six_identical_scans_of_a_robot_that_drives_or_turns_are_frozen(motion, is_frozen):
+    """It moves by 3 cm, or turns by 0.03 rad, from the first scan to the sixth."""
+    check = ScannerCheck()
+    scan = scan_of(wall(3.0), HERE)
+    faults = []
+    for share in np.linspace(0.0, 1.0, 6).tolist():
+        offset = [share * part for part in motion]
+        faults.append(check.fault(replace(scan, sensor_pose=compose(scan.sensor_pose, offset))))
+    assert faults[:5] == [""] * 5
+    assert ("frozen" in faults[5]) == is_frozen
+
+
+def test_a_scanner_is_blind_from_95_percent_of_invalid_ranges_on():
+    # 95 % of 720 beams are 684. range_min is 0.1 m.
+    for invalid_beams, is_blind in ((683, False), (684, True)):
+        ranges = np.full(BEAMS, 3.0, np.float32)
+        ranges[:300] = np.nan
+        ranges[300:600] = 0.05
+        ranges[600:invalid_beams] = -np.inf
+        fault = ScannerCheck().fault(scan_of([], HERE, ranges=ranges))
+        assert fault.startswith("the scanner is blind: 684 of 720 beams") == is_blind
+        assert bool(fault) == is_blind
+    # +inf is a measurement of free space.
+    no_returns = np.full(BEAMS, np.inf, np.float32)
+    assert ScannerCheck().fault(scan_of([], HERE, ranges=no_returns)) == ""
 
 
 @pytest.mark.parametrize(
@@ -393,6 +457,55 @@ def test_a_failed_sector_recovers_once_its_beams_return():
     assert doubted_beams(check, scan, failed) == [*range(200, 400)]
     failed[200:300] = 1.5
     assert doubted_beams(check, scan, failed) == [*range(300, 400)]
+
+
+@pytest.mark.parametrize(
+    ("sector_beams", "obstacle_beams", "has_failed"),
+    [
+        (44, 44, False),  # A narrower obstacle may have gone away.
+        (46, 46, True),
+        (100, 29, False),  # There was little that could vanish.
+        (100, 31, True),
+    ],
+)
+def test_a_sector_of_45_degrees_fails_if_30_percent_of_it_had_obstacles(
+    sector_beams, obstacle_beams, has_failed
+):
+    """Beams are one degree apart. All returns of a sector are lost from one scan to the next."""
+    begin = 150
+    end = begin + sector_beams
+    ranges = np.full(360, 1.5, np.float32)
+    ranges[begin + obstacle_beams : end] = np.inf
+    lost = ranges.copy()
+    lost[begin:end] = np.inf
+    check = ScannerCheck()
+    scan = scan_of([], HERE, ranges=ranges, **TURN)
+    assert doubted_beams(check, scan, ranges) == []
+    expected_beams = [*range(begin, end)] if has_failed else []
+    assert doubted_beams(check, scan, lost) == expected_beams
+
+
+@pytest.mark.parametrize("source", ["scan", "pose", "odometry"])
+def test_a_stamp_may_be_a_tenth_of_a_second_ahead_of_the_clock(source):
+    for lead, action in ((0.09, PASS), (0.11, STOP)):
+        monitor = seen_all_around([(9.0, 0.0)])
+        ages = {"scan": 0.0, "pose": 0.0, "odometry": 0.0, source: -lead}
+        # The latest scan has stamp 0.
+        time = ages["scan"]
+        pose_and_twist = (ages["pose"], ages["odometry"])
+        verdict = monitor.filter(time, HERE, AT_REST, STRAIGHT_ON, pose_and_twist)
+        assert verdict.action == action
+    assert f"the latest {source} is stamped 0.11 s ahead of the clock" in verdict.reason
+
+
+@pytest.mark.parametrize("points", [[(9.0, 0.0)], CLOSE_BEHIND], ids=["free", "wall behind"])
+def test_after_a_reset_neither_obstacles_nor_observed_space_are_known(points):
+    """The odometry has begun anew: what was seen is elsewhere."""
+    monitor = seen_all_around(points)
+    monitor.reset()
+    monitor.add_scan(scan_of([(9.0, 0.0)], HERE, 0.1))
+    creeping = verdict_on(monitor, -0.5, 0.1)
+    assert creeping.command == pytest.approx((-0.1, 0.0)), "the space behind is unknown"
 
 
 def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
@@ -488,6 +601,20 @@ def test_the_scale_is_the_largest_safe_one():
 def test_settings_are_checked(name, value):
     with pytest.raises(ValueError, match=f"{name} is .*: give a number from"):
         replace(SETTINGS, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("width", "half_width"),
+    [
+        (0.5, 0.25),
+        (0.5002, 0.251),  # rounded up to whole millimetres, or a corner would stick out
+    ],
+)
+def test_the_outline_of_the_monitor_contains_the_robot(width, half_width):
+    # The Jackal's wheels end at 0.208 m to both sides.
+    body = JACKAL.body.model_copy(update={"size": (0.6, width, 0.2)})
+    outline = MonitorSettings.of(replace(JACKAL, body=body)).body
+    assert {y for _, y in outline} == {half_width, -half_width}
 
 
 def turned_away_from(behind):

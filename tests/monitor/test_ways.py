@@ -303,6 +303,24 @@ def test_obstacle_points_count_as_far_as_the_body_may_reach(changes, command, ag
         assert verdict.action == action
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_space_just_past_the_stop_must_be_observed(side):
+    """A cell that was observed in part counts as observed: the robot keeps 1.5 cells away."""
+    speed = 0.5
+    # All cells up to x = 0 are observed. They are stored modulo their number.
+    cells = np.ones((120, 120), np.uint8)
+    cells[:20] = 0
+    yaw = 0.0 if side > 0.0 else math.pi  # Driving backwards, it faces away from there.
+
+    def passes(distance):
+        seen = SeenCells(cells, -100, -60, -(FRONT + distance), 0.0, yaw)
+        command = (side * speed, 0.0)
+        return safe_scale_of([], BaseMotion(*command), command, BRAKING, seen=seen) == 1.0
+
+    expected = speed * 0.15 + braking_distance(speed, 1.9) + 1.5 * CELL_M
+    assert smallest_passing(0.0, 2.0, passes) == pytest.approx(expected, abs=0.02)
+
+
 def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     """The fastest corner of the body moves at creep_speed."""
     monitor = CollisionMonitor(SETTINGS)
@@ -313,6 +331,20 @@ def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     corner_radius = math.hypot(FRONT, SIDE)
     largest_w = SETTINGS.creep_speed / corner_radius
     assert verdict.command == pytest.approx((0.0, largest_w))
+
+
+@pytest.mark.parametrize("command", [(-0.5, 0.0), (-0.5, 1.5), (-0.5, -1.5), (-0.1, 0.4)])
+def test_no_point_of_the_body_creeps_faster_than_creep_speed(command):
+    """In a turn, its outer corners are up to twice as fast as its origin."""
+    monitor = CollisionMonitor(SETTINGS)
+    monitor.add_scan(scan_of(wall(2.0), HERE))
+    verdict = monitor.filter(0.0, HERE, AT_REST, command)
+    assert "creeping" in verdict.reason
+    v, w = verdict.command
+    speeds = []
+    for x, y in SETTINGS.body:
+        speeds.append(math.hypot(v - w * y, w * x))
+    assert max(speeds) == pytest.approx(SETTINGS.creep_speed)
 
 
 @pytest.mark.parametrize(

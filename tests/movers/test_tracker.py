@@ -438,6 +438,20 @@ def test_a_jump_restarts_the_tracker(delay, pose):
     assert len(scene.tracker.update(scan).id) == 0
 
 
+def test_a_fast_robot_with_a_slow_laser_has_not_jumped():
+    """It moves by 36 cm from scan to scan, more than a correction of the odometry may."""
+
+    def drives_ahead(time):
+        return 1.8 * time - 2.5, 0.0, 0.0
+
+    def crosses(time):
+        return [(1.5, time - 0.8, 0.3)]
+
+    # Scans come at 5 Hz.
+    watched = Scene(BURGER).watch(1.4, drives_ahead, crosses)
+    assert counts(watched)[-1] == 1
+
+
 def test_a_reset_restarts_the_tracker():
     scene = Scene()
     time, _ = scene.watch(1.0, movers=crossing)[-1]

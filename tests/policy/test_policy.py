@@ -19,7 +19,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, load, save
-from applr_ros1.policy.decision import Context
+from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.encoding import Mirror, with_mirror_images
 from applr_ros1.policy.observation import (
     LAYOUT,
@@ -222,6 +222,47 @@ def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
     # A short plan gives its last point.
     _, last_y = local_goal(plan[:11], (0.0, 0.0, 0.0))
     assert last_y == pytest.approx(0.25)
+
+
+def seen_with(plan, ranges=1.0):
+    """Return the inputs of a robot at (1, 2), whose goal is ahead of it to the left."""
+    return Seen(
+        scan=(np.full(720, ranges, np.float32), LAYOUT.angle_min, LAYOUT.step),
+        time=0.0,
+        pose=(1.0, 2.0, 0.5),
+        twist=(0.0, 0.0),
+        goal=(3.0, 4.0, 0.0),
+        plan=np.asarray(plan, dtype=float).reshape(-1, 2),
+        movers=np.zeros((0, 4)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("lookahead", "bearing"),
+    [
+        (0.5, 0.0),
+        (2.0, np.arccos(0.9 / 2.0)),
+    ],
+)
+def test_the_local_goal_is_that_of_the_layout_and_without_a_plan_the_goal(lookahead, bearing):
+    # The plan leads along x for 0.9 m, and then along y. The robot's yaw is 0.5 rad.
+    distances = np.arange(0.0, 0.9, 0.02)
+    along_x = np.column_stack([1.0 + distances, np.full(45, 2.0)])
+    along_y = [(1.9, 2.0 + y) for y in np.arange(0.0, 3.0, 0.02)]
+    layout = replace(LAYOUT, lookahead=lookahead)
+    context = Context.of(THETA_0, seen_with([*along_x, *along_y]), SPACE, layout)
+    assert context.phi == pytest.approx(bearing - 0.5, abs=0.02)
+
+    # The first decision may come before the first plan. The goal is at 45 degrees.
+    before_plan = Context.of(THETA_0, seen_with([]), SPACE, layout)
+    assert before_plan.phi == pytest.approx(np.pi / 4 - 0.5)
+
+
+def test_a_blind_scan_is_refused_whether_or_not_a_method_looks_at_it():
+    blind = seen_with([], ranges=0.0)
+    refused(
+        lambda: Context.of(THETA_0, blind, SPACE, LAYOUT), "are NaN or 0", kind=ObservationError
+    )
 
 
 def test_an_observation_has_its_layout_and_scale():
