@@ -50,4 +50,6 @@ def test_a_kept_path_has_the_contacts():
 def test_a_contact_at_rest_is_told_from_one_in_motion():
     assert contact_in_words(0.0) == contact_in_words(0.04) == "stood when touched"
     assert contact_in_words(0.4) == "was touched at 0.4 m/s"
+    # One decimal of a smaller speed would be 0.0 m/s.
+    assert contact_in_words(0.06) == "was touched at 0.1 m/s"
     assert contact_in_words(math.nan) == "touched something"

@@ -50,6 +50,8 @@ def status(ruling):
         (Rules(), tick(3.8, flipped=True), REACHED),
         (Rules(), tick(1.0, contact=True), None),
         (Rules(end_on_contact=True), tick(1.0, contact=True), TOUCHED),
+        # A robot that falls touches the ground, too.
+        (Rules(end_on_contact=True), tick(1.0, flipped=True, contact=True), FLIPPED),
     ],
 )
 def test_a_control_cycle_ends_a_course_by_the_rules(rules, last_tick, expected):

@@ -235,6 +235,19 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeyp
     assert not robot.sensors.odometry_trouble(next_time, 0.5)
 
 
+def test_a_wall_clock_that_is_adjusted_by_less_than_a_second_did_not_jump(robot, monkeypatch):
+    monkeypatch.setattr(module, "is_wallclock", lambda: True)
+    clock = module.RosClock()
+    begin = clock.now.to_sec()
+    robot.time(begin - 0.9)
+    assert not clock.went_back()
+    # Each step counts by itself.
+    robot.time(begin - 1.8)
+    assert not clock.went_back()
+    robot.time(begin - 2.9)
+    assert clock.went_back()
+
+
 def test_a_velocity_of_which_one_number_is_not_finite_is_ignored(robot):
     robot.odometry(100.0, 0.5)
     robot.odometry(100.1, math.nan)

@@ -1,6 +1,7 @@
 """Tests of alternatives: how the planner would have driven on with other values."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives
 from applr_ros1.why.alternatives import Alternative, MeanResult, guesses_of
-from applr_ros1.why.diagnosis import diagnose
-from applr_ros1.why.replay import History
+from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.events import Event
+from applr_ros1.why.replay import History, Replay
 from tests.support.replays import (
     PLANNER,
 )
@@ -44,6 +46,32 @@ def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
     # What a change does elsewhere is tried from outside of the event.
     assert len(other_times) > 5
     assert not any(4.5 <= time <= 5.5 for time in other_times)
+
+
+def test_each_event_is_tried_from_some_early_cycles_and_a_longer_one_from_more(monkeypatch):
+    tried_from = []
+
+    def best_changes(replay, changes, cycles, others):
+        tried_from.extend(cycle.at for cycle in cycles)
+        return []
+
+    monkeypatch.setattr(alternatives, "best_changes", best_changes)
+    monkeypatch.setattr(alternatives, "changes_to_try", lambda replay: [])
+    cycles = [SimpleNamespace(at=row / 20, reproduced=True) for row in range(200)]
+    replay = Replay(recording=None, planner=None, history=None, cycles=cycles, left_out={})
+    short_event = Event("stood", 3.0, 3.45, (0.0, 0.0))  # 10 cycles
+    long_event = Event("crept", 6.0, 8.45, (1.0, 0.0))  # 50 cycles
+
+    guesses_of(Diagnosis(replay, [short_event, long_event]))
+
+    # A sixth of the eight cycles is one, but each event has three. The first one is 2 s before it,
+    # and the second one comes after a quarter of the time.
+    assert tried_from[:3] == pytest.approx([1.0, 1.6, 3.45])
+    # Five sixths are seven, most of them on the way into the event.
+    long_times = tried_from[3:]
+    assert len(long_times) == 7
+    assert (long_times[0], long_times[-1]) == (4.0, 8.45)
+    assert np.median(long_times) < long_event.begin
 
 
 def test_driving_on_follows_the_commands(replay):

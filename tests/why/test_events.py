@@ -20,14 +20,14 @@ TOP = 0.5
 TURN = 1.5
 
 
-def found(drive, tolerance=0.25):
-    """Return the events of a robot as large as the Jackal, whose goal has a tolerance [m]."""
+def found(drive, tolerance=0.25, scale=1.0):
+    """Return the events of a robot of this size, in Jackals, whose goal has a tolerance [m]."""
     row_count = len(drive.odometry)
     limits = DriveLimits(
         speed=np.full(row_count, TOP),
         turn=np.full(row_count, TURN),
         tolerance=tolerance,
-        scale=1.0,
+        scale=scale,
         end=drive.end,
     )
     return events.find(drive, drive.odometry, limits)
@@ -134,6 +134,38 @@ def test_a_robot_that_circles_a_goal_beyond_its_tolerance_is_at_its_goal():
     for drive, kind in ((waits, AT_GOAL), (farther, "stood")):
         (event,) = found(drive, tolerance=0.01)
         assert event.kind == kind
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed", "shortest"), [("drove backwards", -0.2, 2.0), ("was slow", 0.2, 5.0)]
+)
+def test_to_back_out_or_to_be_slow_for_a_moment_is_no_event(kind, speed, shortest):
+    for duration, expected in ((shortest - 0.2, []), (shortest + 0.2, [kind])):
+        row_count = round(duration * RATE_HZ)
+        assert kinds(drive_of(DRIVES + [(speed, 0.0)] * row_count + DRIVES)) == expected, duration
+
+
+def test_lengths_of_events_are_smaller_for_a_small_robot():
+    def kinds_at(scale, drive):
+        """Return the kinds of the events of a robot of this size, which can meet its goal."""
+        return [event.kind for event in found(drive, tolerance=0.01, scale=scale)]
+
+    # Two stops 0.3 m apart: within 0.5 m for the Jackal, beyond the half of it
+    a_little_on = [(0.3, 0.0)] * 20
+    stops = drive_of(DRIVES + STANDS + a_little_on + STANDS + DRIVES)
+    assert kinds_at(1.0, stops) == ["stood"]
+    assert kinds_at(0.5, stops) == ["stood", "stood"]
+
+    # In eight seconds it drives 0.4 m to and fro.
+    there_and_back = [(0.05, 0.0)] * 30 + [(-0.05, 0.0)] * 30
+    trapped = drive_of(DRIVES + there_and_back * 8 + DRIVES)
+    assert kinds_at(1.0, trapped) == ["crept"]
+    assert kinds_at(0.5, trapped) == ["went to and fro"]
+
+    # It ends 0.09 m before its goal: within 0.1 m, but not within the half of it.
+    waits = drive_of(DRIVES + STANDS * 2, goal=(1.59, 0.0))
+    assert kinds_at(1.0, waits) == [AT_GOAL]
+    assert kinds_at(0.5, waits) == ["stood"]
 
 
 def test_there_are_no_events_without_a_goal():
@@ -496,6 +528,47 @@ def test_scans_that_stay_the_same_while_the_robot_goes_to_and_fro_are_no_reason(
     assert reasons.stuck(stretch_of(swinging, 6.0, 9.0)) == ""
 
 
+def test_scans_with_another_number_of_beams_are_not_compared(stopped):
+    times = np.arange(0.0, 9.0, 0.1)
+    scans = scans_of(times, np.full(90, 2.0))
+    # Every other scan has a beam more, and other ranges.
+    scans.ranges[1::2] = [np.full(4, 5.0, np.float32)] * 45
+    drive = replace(stopped, scans=scans)
+    assert reasons.stuck(stretch_of(drive, 6.0, 9.0)).startswith("the scans stay the same")
+
+
+def test_a_robot_is_held_if_its_odometry_moves_far_and_its_scans_change_little(stopped):
+    times = np.arange(0.0, 9.0, 0.1)
+
+    def is_held(end, change):
+        """Return whether a robot counts as held that drives at 0.5 m/s from 6 s to an end [s],
+        while its ranges change by this much [m].
+        """
+        scans = scans_of(times, np.where(times > 6.05, 2.0 + change, 2.0))
+        return bool(reasons.stuck(stretch_of(replace(stopped, scans=scans), 6.0, end)))
+
+    # 0.6 m are far, 0.4 m are not.
+    assert is_held(end=7.2, change=0.0)
+    assert not is_held(end=6.8, change=0.0)
+    # Noise changes ranges by less than 0.03 m.
+    assert is_held(end=9.0, change=0.02)
+    assert not is_held(end=9.0, change=0.04)
+
+
+def test_a_recovery_that_began_up_to_a_second_before_the_stop_is_a_reason(stopped):
+    def reason(begin, next_plan):
+        """Return the reason if a recovery begins, and the next plan comes, at these times [s]."""
+        plans = Plans(np.array([0.0, next_plan]), [np.zeros((1, 3))] * 2)
+        drive = replace(stopped, recoveries=np.array([begin]), plans=plans)
+        return reasons.recovering(stretch_of(drive))
+
+    # The stretch lasts from 3 to 6 s.
+    assert reason(2.1, next_plan=8.0) == "a recovery behaviour ran"
+    assert reason(1.9, next_plan=8.0) == ""
+    # Only its time within the stretch counts: here 1.4 s, less than half of it.
+    assert reason(2.1, next_plan=4.4) == ""
+
+
 def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
     recovers = replace(stopped, recoveries=np.array([3.1]))
     # Plans were followed all the time.
@@ -511,6 +584,31 @@ def test_late_commands_are_a_reason(stopped):
     every_fourth = stopped.planned.part(slice(0, None, 4))
     late = replace(stopped, planned=every_fourth)
     assert reasons.late(stretch_of(late)) == "commands came every 0.20 s instead of every 0.05 s"
+
+
+def test_commands_are_late_from_twice_the_control_period_on(stopped):
+    def reason(interval):
+        """Return the reason if commands come at this interval [s] instead of every 0.05 s."""
+        times = np.arange(0.0, 9.0, interval)
+        commands = Commands(times, np.zeros((len(times), 2)))
+        return reasons.late(stretch_of(replace(stopped, planned=commands)))
+
+    assert reason(0.09) == ""
+    assert reason(0.11) == "commands came every 0.11 s instead of every 0.05 s"
+
+
+def test_late_commands_are_no_reason_for_a_wait_at_the_goal(stopped):
+    every_fourth = stopped.planned.part(slice(0, None, 4))
+    late = replace(stopped, planned=every_fourth)
+    # From 6 s on the robot drives as it is told, so that no other reason comes first.
+    creeps = Event("crept", 6.0, 9.0, (3.0, 0.0))
+    waits = Event(AT_GOAL, 6.0, 9.0, (3.0, 0.0))
+    for event in (creeps, waits):
+        give_outside_reason(event, late, 0.05)
+        # The planner itself is late.
+        assert not event.is_outside
+    assert creeps.reason == "commands came every 0.20 s instead of every 0.05 s"
+    assert waits.reason == ""
 
 
 def test_a_control_period_belongs_to_the_robot_whose_planner_drove(stopped):

@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.why import diagnosis
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import what_happened
 from applr_ros1.why.diagnosis import diagnose, explain_event
 from applr_ros1.why.events import AT_GOAL, Event
-from applr_ros1.why.explanation import at_goal, beside, explain, part_of_robot
-from applr_ros1.why.moment import Memory
+from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
+from applr_ros1.why.limits import start_values
+from applr_ros1.why.moment import ComparedSamples, CycleMoment, LocalMap, Memory
+from applr_ros1.why.replay import Replay, ReplayedCycle
 from applr_ros1.why.stretch import SLOW
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import changed, simulated
+from tests.support.measured_drives import DRIVES, drive_of
 from tests.support.replays import (
     JACKAL,
     PLANNER,
@@ -49,6 +53,67 @@ def driven_with_post(ahead, left, since=0.0):
     replay = replayed(JACKAL, simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
     assert replay.share == 1.0
     return replay
+
+
+def cycle_of(command=(0.5, 0.0), at=0.0, yaw=0.0):
+    """Return a cycle of the Jackal's planner at the origin, whose plan leads to (3, 0)."""
+    x = np.linspace(0.0, 3.0, 31)
+    return ReplayedCycle(
+        pose=(0.0, 0.0, yaw),
+        twist=(0.0, 0.0),
+        plan=np.column_stack([x, 0.0 * x, 0.0 * x]),
+        map=(),
+        memory=Memory([]),
+        is_new=False,
+        settings=Settings({PLANNER: start_values(JACKAL)}),
+        at=at,
+        command=command,
+        scan=0,
+    )
+
+
+def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,)):
+    """Return what the planner says in a cycle with these samples, beside no obstacle."""
+    velocities = np.array(velocities)
+    costs = np.array(costs)
+    parts = {"path_distance_bias": np.maximum(costs, 0.0)}
+    free_cells = np.zeros((10, 10), np.uint8)
+    return CycleMoment(
+        asked=cycle,
+        planner=PLANNER,
+        lookahead=1.0,
+        command=cycle.command,
+        samples=ComparedSamples(velocities, costs, parts),
+        trajectory_points=np.zeros((0, 3)),
+        map=LocalMap(free_cells, np.zeros(2), resolution=0.05, footprint=np.zeros((4, 2))),
+        scan_points=np.zeros((0, 2)),
+    )
+
+
+def explained(cycle, velocities, costs):
+    """Return the explanation of a cycle with these samples."""
+    moment = moment_of(cycle, velocities, costs)
+    return explain(SimpleNamespace(at=lambda cycle: moment), cycle)
+
+
+def test_the_table_has_the_sample_that_drives_on_in_its_row_of_the_page():
+    fast, slow = (0.5, 0.0), (0.1, 0.0)
+    drives_on = explained(cycle_of(command=fast), [fast, slow], [1.0, 2.0])
+    is_outbid = explained(cycle_of(command=slow), [fast, slow], [2.0, 1.0])
+    is_refused = explained(cycle_of(command=slow), [fast, slow], [-1.0, 1.0])
+    # Below the names comes the command. It drives on itself, or the sample in the next row does.
+    for explanation, row in ((drives_on, 1), (is_outbid, 2)):
+        assert explanation.driving == row
+        assert explanation.table[row][:2] == list(fast)
+    assert is_refused.driving is None
+
+
+def test_a_sample_that_is_refused_beside_no_obstacle_leaves_the_map():
+    fast, slow = (0.5, 0.0), (0.1, 0.0)
+    refused = explained(cycle_of(command=slow), [fast, slow], [-1.0, 1.0])
+    assert refused.words == "every faster way leaves the map or the reach of the plan"
+    assert refused.is_blocked
+    assert refused.obstacle is None
 
 
 def test_the_obstacle_in_the_way_is_named():
@@ -182,6 +247,13 @@ def test_a_plan_that_leads_back_is_the_whole_reason(sound):
     assert "leads back" not in explain(sound, cycle).words
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_plan_leads_back_from_a_right_angle_on(side):
+    right_angle = np.pi / 2
+    for yaw, leads_back in ((right_angle - 0.05, False), (right_angle + 0.05, True)):
+        assert moment_of(cycle_of(yaw=side * yaw)).leads_back == leads_back
+
+
 def test_a_sim_time_that_leads_past_the_end_of_the_plan_is_named(sound):
     cycle = sound.cycles[5]
     long_time = cycle.settings.with_(Change(PLANNER, "sim_time", 2.0, 10.0))
@@ -267,6 +339,28 @@ def test_a_wait_at_the_goal_is_explained_by_the_tolerances_and_another_event_is_
         explain_event(sound, event)
     assert waits.reason.startswith("it does not come within xy_goal_tolerance 0.25 and ")
     assert "tolerance" not in creeps.reason
+
+
+def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
+    def explain_speed(replay, cycle):
+        return Explanation(cycle.at, cycle.pose, words=f"{cycle.command[0]} m/s were wanted")
+
+    monkeypatch.setattr(diagnosis, "explain", explain_speed)
+    # Every other command is fast.
+    cycles = []
+    for row in range(60):
+        command = (0.1 if row % 2 else 0.5, 0.8)
+        cycles.append(replace(cycle_of(command, at=row / 20), error=0.0))
+    # The drive itself has no reason that is seen from outside the planner.
+    recording = SimpleNamespace(drive=drive_of(DRIVES))
+    planner = SimpleNamespace(period=0.05)
+    replay = Replay(recording, planner, history=None, cycles=cycles, left_out={})
+    event = Event("swung from side to side", 0.0, 3.0, (0.0, 0.0))
+
+    explanations = explain_event(replay, event)
+
+    assert [explanation.words for explanation in explanations] == ["0.1 m/s were wanted"] * 5
+    assert event.reason == "0.1 m/s were wanted"
 
 
 def test_a_place_beside_the_robot_is_said_in_positive_numbers():

@@ -1,6 +1,7 @@
 """Tests of the replay of recorded drives."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -324,6 +325,13 @@ def test_reproduced_cycles_are_preferred(replay):
     # If no cycle is reproduced, others must do.
     assert some([not_reproduced], 3) == [not_reproduced]
     assert some([], 3) == []
+
+
+def test_chosen_cycles_are_evenly_spread_and_with_a_power_early_ones_are_preferred():
+    cycles = [SimpleNamespace(at=row, reproduced=True) for row in range(101)]
+    assert [cycle.at for cycle in some(cycles, 5)] == [0, 25, 50, 75, 100]
+    # The squares of 0, 1/4, 1/2, 3/4 and 1
+    assert [cycle.at for cycle in some(cycles, 5, power=2.0)] == [0, 6, 25, 56, 100]
 
 
 def test_a_cycle_keeps_its_map_whatever_the_planner_had_before(replay):

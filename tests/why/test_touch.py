@@ -8,6 +8,7 @@ import pytest
 
 import worlds
 from applr_ros1 import robots
+from applr_ros1.common.angles import compose
 from applr_ros1.why.answer import headline, what_happened
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.recording import Recording
@@ -44,6 +45,23 @@ def test_a_touch_has_the_speeds_of_both_and_the_side_that_the_other_came_from(re
     of_bag = replace(recording, drive=replace(recording.drive, truth=None))
     assert touch_of(of_bag).speed == pytest.approx(touch.speed, abs=0.15)
     assert str(touch._replace(speed=0.0, mover_speed=0.0)).endswith("the robot stood when touched.")
+
+
+@pytest.mark.parametrize(
+    ("turn", "side"),
+    [(-np.pi / 2, "ahead"), (np.pi / 2, "behind"), (np.pi, "the right")],
+    ids=["ahead", "behind", "right"],
+)
+def test_the_side_is_that_of_the_robot_whichever_way_it_faces(recording, turn, side):
+    # The robot faces another way, and its laser the same as before: nothing else in the drive
+    # changes.
+    poses = recording.odometry.pose - (0.0, 0.0, turn)
+    turned = replace(
+        recording,
+        odometry=replace(recording.odometry, pose=poses),
+        laser_pose=compose((0.0, 0.0, turn), recording.laser_pose),
+    )
+    assert touch_of(turned).side == side
 
 
 def test_a_contact_where_nothing_moves_says_so_and_without_one_there_is_no_touch(recording):

@@ -211,6 +211,23 @@ def test_a_robot_that_the_monitor_holds_for_three_seconds_stops():
     assert late_stop.begin == pytest.approx(50.2, abs=0.25)
 
 
+def test_a_goal_ends_with_its_status_for_a_robot_that_the_monitor_holds():
+    messages = messages_of(drive_of(DRIVES * 4))
+
+    def found_with_status_until(last_status):
+        """Return when stops are found if move_base sends no status after a time [s]."""
+        kept = [verdict(1.0, "stop", "a wall")]
+        for message in messages:
+            if message.key != "goals" or message.recording_time <= at(last_status):
+                kept.append(message)
+        kept.sort(key=lambda message: message.recording_time)
+        return [found_at for found_at, _ in stops_of(kept)]
+
+    # After 3 s of holding, at 4 s, the status may have been missing for up to a second.
+    assert found_with_status_until(3.2) == [4.0]
+    assert found_with_status_until(2.8) == []
+
+
 def test_odometry_that_falls_silent_is_a_stop():
     drive = drive_of(DRIVES * 5)
     messages = messages_of(drive)
