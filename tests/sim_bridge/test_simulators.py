@@ -240,6 +240,34 @@ def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
     assert np.allclose(simulator.state.pose, pose, atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("command", "limited"),
+    [
+        ((9.0, 0.0), (2.0, 0.0)),
+        ((-9.0, 0.0), (-2.0, 0.0)),
+        ((0.0, 9.0), (0.0, 4.0)),
+        ((0.0, -9.0), (0.0, -4.0)),
+    ],
+)
+def test_a_base_drives_no_faster_than_its_largest_speed_and_yaw_rate(command, limited):
+    assert (JACKAL.base.max_speed, JACKAL.base.max_yaw_rate) == (2.0, 4.0)
+    simulator = sim_bridge.make("kinematic")
+    states = []
+    for v, w in (command, limited):
+        simulator.reset(OPEN, 0)
+        states.append(numbers(drive(simulator, v, w, 1.0)))
+    assert states[0] == states[1]
+
+
+def test_a_base_without_a_command_timeout_follows_its_last_command():
+    base = JACKAL.base.model_copy(update={"command_timeout": 0.0})
+    simulator = sim_bridge.make("kinematic", replace(JACKAL, base=base))
+    simulator.reset(OPEN, 0)
+    simulator.command(0.5, 0.0)
+    speed, _ = simulator.advance(5.0).twist
+    assert speed == pytest.approx(0.5, abs=0.05)
+
+
 def test_latency_delays_the_response():
     prompt_speeds = speeds_with_latency(0.0)
     late_speeds = speeds_with_latency(0.1)
@@ -322,6 +350,20 @@ def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
     assert hypot(x, y) > 0.68
 
 
+def test_a_cylinder_that_starts_its_animation_again_pushes_nothing_on_the_way():
+    # Given: a cylinder that goes round the left side of a robot, from ahead of it to behind it
+    mover = Mover(0.2, ((0.0, 0.55, 0.0), (1.0, 0.0, 2.0), (2.0, -0.55, 0.0)))
+    simulator = sim_bridge.make("kinematic")
+    simulator.reset(small_world(movers=[mover]), 0)
+
+    # When: it starts again, on the other side of the robot
+    contacts = [drive(simulator, 0.0, 0.0, STEP).contact for _ in range(60)]
+
+    # Then: it has not touched the robot
+    assert not any(contacts)
+    assert simulator.state.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
 def test_random_commands_enter_no_obstacle(simulator):
     rng = np.random.default_rng(5)
     angles = np.linspace(0, 2 * pi, 40)
@@ -394,6 +436,16 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - laser_x, abs=1e-3)
     assert scans[:, 360].std() == pytest.approx(JACKAL.laser.noise, rel=0.2)
     assert np.isposinf(scans[:, 0]).all()
+
+
+def test_a_drawn_scan_noise_is_a_factor_of_the_lasers_noise():
+    simulator = sim_bridge.make("kinematic", scan_noise=(2.0, 5.0))
+    wall = (1.5, 0.0, 0.0, 0.2, 8.0)
+    for seed in range(3):
+        simulator.reset(small_world(boxes=[wall]), seed)
+        scans = np.array([simulator.scan()[240:480] for _ in range(50)], np.float64)
+        noise = np.mean(scans.std(axis=0, ddof=1))
+        assert noise == pytest.approx(simulator.drawn.scan_noise * JACKAL.laser.noise, rel=0.05)
 
 
 def test_angles_of_beams_increase_anticlockwise(simulator):
@@ -665,6 +717,46 @@ def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
     # After one correlation time, 1/e of the correlation is left.
     correlations = np.corrcoef(headings[:-10], headings[10:])
     assert correlations[0, 1] == pytest.approx(np.exp(-1.0), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("first_yaw", "last_yaw", "x", "y"),
+    [
+        (0.0, 0.6, 2.0 * cos(0.3), 2.0 * sin(0.3)),
+        (pi - 0.2, -pi + 0.2, -2.0, 0.0),  # from one side of pi to the other
+    ],
+)
+def test_odometry_goes_in_the_middle_direction_of_a_turn(first_yaw, last_yaw, x, y):
+    odometry = Odometry(OdometryErrors(), first_yaw, np.random.default_rng(0), scale=0.0)
+    odometry.update(4.0, 0.5, last_yaw, 0.1, 0.0)
+    assert odometry.pose == pytest.approx((x, y, last_yaw))
+
+
+def test_the_error_of_the_distance_has_its_size_and_stays_during_a_drive():
+    errors = OdometryErrors(scale_error=0.02, heading_drift=0.0, heading_noise=0.0)
+    rng = np.random.default_rng(0)
+    distances = np.empty(2_000)
+    for start in range(len(distances)):
+        odometry = Odometry(errors, 0.0, rng)
+        odometry.update(1.0, 1.0, 0.0, 0.0, 0.0)
+        distances[start], _, _ = odometry.pose
+        odometry.update(1.0, 1.0, 0.0, 0.0, 0.0)
+        x, _, _ = odometry.pose
+        assert x == pytest.approx(2.0 * distances[start])
+    assert distances.mean() == pytest.approx(1.0, abs=0.002)
+    assert distances.std() == pytest.approx(0.02, rel=0.1)
+
+
+def test_the_noise_of_the_heading_has_its_size_and_does_not_move_the_position():
+    errors = OdometryErrors(heading_noise=0.03, heading_drift=0.0)
+    odometry = Odometry(errors, 0.5 * pi, np.random.default_rng(0))
+    headings = np.empty(4_000)
+    for sample in range(len(headings)):
+        odometry.update(0.05, 0.5, 0.5 * pi, 0.0, 0.0)
+        x, _, headings[sample] = odometry.pose
+        assert x == pytest.approx(0.0, abs=1e-9)
+    assert headings.mean() == pytest.approx(0.5 * pi, abs=0.003)
+    assert headings.std() == pytest.approx(0.03, rel=0.1)
 
 
 def test_the_noise_of_the_measured_speed_has_its_size():

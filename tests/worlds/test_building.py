@@ -335,6 +335,17 @@ def test_courses_are_the_same_every_time(office):
     assert np.array_equal(reloaded.course.path, course_world.course.path)
 
 
+def test_courses_stay_as_they_were_drawn(office):
+    """Policies and sets were chosen and judged on these courses."""
+    for number, start, goal in (
+        (0, (8.175, 5.075), (15.525, 8.125)),
+        (7, (-3.275, 2.375), (2.375, 1.775)),
+    ):
+        course = worlds.load(f"{office}:{number}", JACKAL_RADIUS_M).course
+        assert course.start[:2] == pytest.approx(start)
+        assert course.goal[:2] == pytest.approx(goal)
+
+
 def test_courses_of_a_wide_robot_lead_through_no_door(office):
     """Doors of .9 m are too narrow for a robot with a radius of .6 m."""
     for course in courses_of(office, robot_radius=0.6):

@@ -7,8 +7,8 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.planner.costmap import footprint
 from tests.support.refusals import refused
-from tests.support.scenes import refused_world
-from worlds import draw, dynabarn, sdf_writer
+from tests.support.scenes import refused_world, small_world
+from worlds import Mover, draw, dynabarn, sdf_writer
 from worlds.world import clearance
 
 # Narrowest gap of BARN's worlds over the Jackal's padded width [m / m].
@@ -97,6 +97,20 @@ def test_a_room_with_moving_obstacles_is_never_enlarged():
 def test_the_path_of_the_physical_course_keeps_from_its_boxes():
     world = worlds.load("physical_course")
     assert clearance(world, world.course.path).min() >= 0.3
+
+
+def test_the_distance_to_a_moving_obstacle_is_that_at_the_given_time():
+    # Given: a cylinder that is at (2, 0) after two of four seconds
+    mover = Mover(0.5, ((0.0, 0.0, 0.0), (4.0, 4.0, 0.0)))
+    world = small_world(cylinders=[(2.0, 9.0, 0.5)], movers=[mover])
+    points = np.array([(2.0, 1.5), (0.0, 1.5)])
+
+    at_start = clearance(world, points)
+    halfway = clearance(world, points, 2.0)
+
+    # It has the first point beside it at one time, and the second one at the other.
+    assert at_start == pytest.approx([2.5 - 0.5, 1.5 - 0.5])
+    assert halfway == pytest.approx([1.5 - 0.5, 2.5 - 0.5])
 
 
 # -- commands

@@ -5,6 +5,7 @@ policy file, which drives in this process and as the launch file's method.
 import copy
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.policy import actor, methods
+from applr_ros1.policy.actor import forward
 from applr_ros1.policy.encoding import PaperEncoding
+from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import layout_of, observe
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
@@ -224,6 +227,41 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert fitted.theta[0] > 0.7
 
 
+def test_a_squared_error_of_the_yaw_rate_weighs_a_quarter_of_one_of_the_speed(monkeypatch):
+    monkeypatch.setattr(appld_fit, "replay", lambda errors, theta: np.array(errors))
+    # Errors of two stretches [m/s, rad/s], whose mean squares are 1 and 4
+    fast_and_left = [(1.0, 2.0), (-1.0, 2.0)]
+    slow_and_right = [(-1.0, -2.0)]
+    loss = appld_fit.loss([fast_and_left, slow_and_right], SPACE.theta0)
+    assert loss.value == 1.0 + 0.25 * 4.0
+    assert loss.rms_v_w == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("last", "counted"),
+    [
+        (20, [15, 16, 18, 19]),  # Five instants are ignored.
+        (16, [13, 14, 15]),  # Half of a short stretch is ignored.
+    ],
+)
+def test_errors_count_after_five_instants_where_the_demonstrator_drives(monkeypatch, last, counted):
+    # Given: a demonstration at 0.5 m/s that stands at instant 17, and a planner that commands the
+    # number of the instant
+    twists = np.tile([0.5, 0.0], (30, 1))
+    twists[17] = 0.0
+    commands = Commands(np.arange(30) * 0.05, twists)
+    drive = demonstration.Demonstration(
+        "", None, None, commands, goal_pose=(0.0, 0.0, 0.0), source={}
+    )
+    planner = SimpleNamespace(put_in_force=lambda settings: None)
+    stretch = appld_fit.DemonstrationStretch(drive, JACKAL, 10, last, planner)
+    monkeypatch.setattr(appld_fit, "step", lambda planner, drive, robot, i: (float(i), 0.0))
+
+    errors = appld_fit.replay(stretch, SPACE.theta0)
+
+    assert (errors[:, 0] + 0.5).tolist() == counted
+
+
 def test_parameters_that_change_no_command_stay_at_their_defaults(monkeypatch):
     """Loss of a demonstration that depends on the maximum speed alone"""
     encoding = PaperEncoding(JACKAL)
@@ -275,6 +313,53 @@ def test_the_classifier_distinguishes_scans_and_mirrored_scans(tmp_path, monkeyp
     mirrored_narrow = scans[399][::-1]
     assert classifier.context(mirrored_wide) == 0
     assert classifier.context(mirrored_narrow) == 1
+
+
+def test_a_rare_context_counts_as_much_as_a_frequent_one(monkeypatch):
+    # Given: scans that do not show their context, of which one in ten is of the second one
+    monkeypatch.setattr(appld_classifier, "STEPS", 100)
+    layout = Layout(beams=10)
+    scans = np.zeros((100, layout.beams), np.float32)
+    labels = np.repeat([0, 1], [90, 10])
+
+    weights, scores = appld_classifier.train(scans, labels, 2, layout=layout)
+
+    # Then: both have nearly the same score. Without a balance, they would differ by more than 1.
+    frequent_score, rare_score = forward(actor.layers_of(weights), scans[0])
+    assert abs(frequent_score - rare_score) < 0.5
+    assert scores["held_out"] is None, "100 instants have no fifth block"
+
+
+def test_every_fifth_block_of_forty_instants_is_held_out(monkeypatch):
+    # Given: a classifier whose weights are the number of its scans
+    monkeypatch.setattr(appld_classifier, "_fit", lambda scans, *others: len(scans))
+    monkeypatch.setattr(
+        appld_classifier, "_accuracy", lambda weights, scans, labels: (weights, scans.tolist())
+    )
+    instants = np.arange(410)
+    labels = instants % 2
+
+    _, scores = appld_classifier.train(instants, labels, 2)
+
+    held_out = [*range(160, 200), *range(360, 400)]
+    assert scores["held_out"] == (410 - 80, held_out)
+    assert scores["accuracy"] == (410, instants.tolist())
+    assert scores["instants"] == 410
+
+
+def test_contexts_are_named_by_what_distinguishes_them_from_the_usual_one():
+    means = np.array(
+        [  # speed, turning, ahead, near side, far side
+            (1.2, 0.1, 4.0, 1.5, 2.0),
+            (0.8, 0.3, 2.0, 1.0, 2.0),
+            (0.4, 0.6, 1.0, 0.5, 2.0),
+        ]
+    )
+    assert contexts._names(means) == [
+        "1 open, wide, fast",
+        "2 close ahead, wide, slow",
+        "3 close ahead, narrow, slow, turning",
+    ]
 
 
 @pytest.mark.heavy

@@ -49,6 +49,16 @@ def test_the_summary_of_trials_has_their_mean_score_and_the_mean_time_of_success
     assert score.summary([FAILED_EARLY])["time_s"] is None
 
 
+def test_the_summary_has_mean_metric_length_and_return():
+    # 7 m take 3.5 s at 2 m/s, a quarter of the time of this drive.
+    arrived = Result(True, time_s=14.0, route_m=7.0, decisions=7, total_reward=5.0)
+    failed = Result(False, time_s=4.0, route_m=7.0, decisions=2, total_reward=-20.0)
+    summary = score.summary([arrived, failed])
+    assert summary["metric"] == 0.5 * 0.25
+    assert summary["length"] == 4.5
+    assert summary["return"] == -7.5
+
+
 def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path):
     """The selection of a policy and the report on it would otherwise disagree about which policy is
     better.

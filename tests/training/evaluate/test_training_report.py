@@ -28,7 +28,7 @@ from training.evaluate.compare import (
 )
 from training.evaluate.profiles import LIMITS, profiles
 from training.evaluate.report import summary, write
-from training.evaluate.stored import Results
+from training.evaluate.stored import Results, set_of
 from training.evaluate.table import TrialTable
 from training.evaluate.tables import Table
 from training.evaluate.trial import Result, plan_trials
@@ -267,6 +267,43 @@ def test_the_headline_names_the_rival_that_saves_most(results, monkeypatch):
             made[rival] = Comparison(50, estimate, gain, 0.001)
         monkeypatch.setattr(report, "comparisons", lambda _, made=made: made)
         assert report.headline(results).startswith(f"{best} is better than dwa: ")
+
+
+# -- groups of worlds ------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("world", "group"),
+    [
+        ("generated:294", "Test"),
+        ("world_294", "Test"),
+        ("generated:299", "Training"),
+        ("world_299", "Training"),
+        ("world_300", "Other"),  # BARN's worlds are 0 to 299.
+        ("generated:300", "Other"),
+        ("fresh:7", "Other"),
+        ("physical_course", "Physical course"),
+    ],
+)
+def test_only_barns_300_worlds_belong_to_its_split(world, group):
+    assert set_of(world) == group
+
+
+def test_with_fewer_than_two_driven_test_worlds_all_worlds_are_judged(folder):
+    results = Results(folder)
+    trials = results.trials
+    training_world = results.of_set("Training")[0]
+    first_test, second_test = results.of_set("Test")[:2]
+
+    def judged_worlds(is_driven):
+        results.trials = trials[is_driven]
+        return set(report.judged_trials(results).world)
+
+    driven = {training_world, first_test, second_test}
+    is_driven = trials.world.isin(driven)
+    assert judged_worlds(is_driven) == {first_test, second_test}
+    assert judged_worlds(is_driven & (trials.world != second_test)) == {training_world, first_test}
+    # The rivals alone drove the second one.
+    is_of_rival = trials.method != "dwa"
+    assert judged_worlds(is_driven & (is_of_rival | (trials.world != second_test))) == driven
 
 
 # -- tables ----------------------------------------------------------------------------------------

@@ -1,17 +1,24 @@
-"""Tests of the search for one parameter set: races between candidates on common trials, and
-pruning.
+"""Tests of the search for one parameter set: generations, races between candidates on common
+trials, pruning, and the settings of its drives.
 """
 
 import itertools
+from types import SimpleNamespace
+from typing import List, NamedTuple, Tuple
 
 import numpy as np
 import pytest
 
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1 import robots
+from applr_ros1.policy.parameter_space import SPACE, ParameterSet
+from applr_ros1.robots import JACKAL
+from sim_bridge.simulator import Randomisation
 from training.evaluate.compare import clearly_worse
 from training.evaluate.periodic import CHOOSING
+from training.evaluate.runner import TrialWorld
 from training.evaluate.trial import Result, seed_of
-from training.tune.search import plan_sets, prune_parameters, race
+from training.tune import best_set
+from training.tune.search import Raced, plan_sets, prune_parameters, race, search
 
 
 class RecordedRace:
@@ -89,6 +96,87 @@ def test_the_next_block_is_requested_when_the_last_is_driven():
     raced = RecordedRace([0.0, 0.1], blocks())
     assert begun_blocks == [0, 1, 2]
     assert list(map(len, raced.results)) == [3, 3]
+
+
+# Places of the eight sets of a generation, best set first. The order is not its own inverse.
+BEST_FIRST = [3, 5, 0, 1, 7, 2, 6, 4]
+STARTS = [SPACE.theta0, 0.5 * (SPACE.theta0 + SPACE.high)]
+
+
+class Searched(NamedTuple):
+    """Search of two generations.
+
+    Attributes:
+        driven: Sets (k, 8), block and seed of each call that drives.
+        told: Candidates and ranks that CMA-ES gets after each generation.
+        winners: Winner of each generation.
+    """
+
+    driven: List[Tuple[np.ndarray, List[int], int]]
+    told: List[Tuple[list, list]]
+    winners: List[Raced]
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Return a search of two generations of eight sets, with eight of ten worlds per set."""
+    from cma import CMAEvolutionStrategy
+
+    driven = []
+    told = []
+    costs = {}  # by parameter set
+
+    def run(sets, block, seed):
+        if len(sets) == len(BEST_FIRST):  # A generation begins.
+            costs.clear()
+            for place, theta in enumerate(sets):
+                costs[tuple(theta)] = BEST_FIRST.index(place)
+        driven.append((sets, block, seed))
+        return [[costs[tuple(theta)]] * len(block) for theta in sets]
+
+    tell = CMAEvolutionStrategy.tell
+
+    def noted(strategy, candidates, ranks):
+        told.append((list(candidates), ranks))
+        tell(strategy, candidates, ranks)
+
+    monkeypatch.setattr(CMAEvolutionStrategy, "tell", noted)
+    options = {"sigma": 0.3, "population": 8, "worlds_per_set": 8}
+    generations = search(SPACE, 10, [run, run], STARTS, float, seed=4, **options)
+    winners = [winner for winner, _ in generations]
+    return Searched(driven, told, winners)
+
+
+def test_a_generation_races_through_two_quarters_and_then_half_of_its_worlds(searched):
+    assert [len(block) for _, block, _ in searched.driven] == [2, 2, 4] * 2
+    assert [len(sets) for sets, _, _ in searched.driven] == [8, 4, 2] * 2
+    seeds = [seed for _, _, seed in searched.driven]
+    assert seeds == [1004] * 3 + [1005] * 3
+
+    # Each generation has worlds of its own, and drives each of them once.
+    blocks = [block for _, block, _ in searched.driven]
+    first_worlds = sum(blocks[:3], [])
+    second_worlds = sum(blocks[3:], [])
+    assert len(set(first_worlds)) == len(set(second_worlds)) == 8
+    assert first_worlds != second_worlds
+
+
+def test_the_starting_sets_are_driven_in_the_first_generation(searched):
+    first_sets, _, _ = searched.driven[0]
+    candidates, _ = searched.told[0]
+    for start, theta, candidate in zip(STARTS, first_sets, candidates):
+        assert theta.tolist() == SPACE.clip(start).tolist()
+        assert candidate == pytest.approx(SPACE.to_action(start))
+
+    second_sets, _, _ = searched.driven[3]
+    distances = np.abs(second_sets[:, np.newaxis] - STARTS).max(axis=2)
+    assert distances.min() > 0.0
+
+
+def test_cma_es_gets_the_rank_of_each_set(searched):
+    for (_, ranks), winner in zip(searched.told, searched.winners):
+        assert [ranks[place] for place in BEST_FIRST] == [0, 1, 2, 3, 4, 5, 6, 7]
+        assert winner.place == BEST_FIRST[0]
 
 
 def time_of(result):
@@ -213,3 +301,46 @@ def test_a_search_never_uses_the_seeds_of_evaluate():
     # Seeds and trials that people use.
     for seed, trial in itertools.product(range(2000), range(20)):
         assert searched.seed != seed_of(seed, "w", trial)
+
+
+def test_drives_of_a_search_may_take_ten_optimal_times_of_the_longest_course():
+    def time_limit(*lengths):
+        """Return the time limit [s] in worlds with routes of some lengths [m]."""
+        listed = []
+        for length in lengths:
+            world = SimpleNamespace(course=SimpleNamespace(route_m=length))
+            listed.append(TrialWorld("w", "w", world))
+        return best_set.drives_of(JACKAL, listed).time_limit
+
+    # The Jackal drives 8 m in 4 s.
+    assert time_limit(5.0, 8.0, 6.0) == 40.0
+    # No trial may take longer than those of evaluate.py.
+    assert time_limit(30.0) == 100.0
+
+
+def test_everything_but_the_ground_is_randomised_in_the_drives_of_a_search():
+    world = SimpleNamespace(course=SimpleNamespace(route_m=8.0))
+    settings = best_set.drives_of(JACKAL, [TrialWorld("w", "w", world)])
+    nominal = vars(Randomisation())
+    randomised = set()
+    for name, value in vars(Randomisation(**settings.randomisation)).items():
+        if value != nominal[name]:
+            randomised.add(name)
+    assert randomised == set(nominal) - {"ground"}
+
+
+def test_the_obstacle_range_of_another_robots_set_is_scaled_by_size():
+    space = best_set.search_space(JACKAL)
+    waffle = robots.load("turtlebot3_waffle_pi")
+    theta = np.zeros(0)  # only the range matters
+
+    def range_of(obstacle_range):
+        """Return the range [m] for the Jackal of a range in a set for the waffle."""
+        parameter_set = ParameterSet(theta, per_cell=False, obstacle_range=obstacle_range)
+        action = best_set._range_action(parameter_set, waffle, space, JACKAL)
+        return space.to_theta(np.full(len(space), action))[-1]
+
+    assert waffle.world_scale < 0.7
+    assert range_of(2.0) == pytest.approx(2.0 / waffle.world_scale)
+    # The Jackal's files have 2.5 m.
+    assert range_of(None) == pytest.approx(2.5)

@@ -68,6 +68,14 @@ def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_deviation(s
     assert 0.9 * sigma <= actions.std() <= 1.1 * sigma
 
 
+def test_explored_actions_stay_within_their_range():
+    task = Collect(episode=0, seed=0, sigma=2.0, random=False)
+    trajectory = collect(Line, "{}", task, weights_of_a_still_robot())
+    # Most of this noise is beyond the range, on either side.
+    assert trajectory.action.min() == -1.0
+    assert trajectory.action.max() == 1.0
+
+
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_call_has_one_answer(workers):
     """A call whose worker dies is repeated, and fails after several deaths."""
