@@ -89,6 +89,13 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     assert len(planner.cropped_plan) == 0
 
 
+def test_without_prune_plan_the_points_behind_the_robot_stay():
+    planner = local_planner(straight(3.0), prune_plan=False)
+    command(planner, (2.0, 0.0, 0.0))
+    # From here the first points are 2 m away, twice as far as pruning leaves any.
+    assert planner.cropped_plan[0, 0] == 0.0
+
+
 def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
     planner = local_planner(np.array(plan_along(2.0, 3.0)))
     assert command(planner, ORIGIN) == NO_COMMAND
@@ -166,6 +173,32 @@ def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_c
         assert not planner.goal_reached
         assert command(planner, AT_GOAL, (0.5, 0.0)) == (True, (0.0, 0.0))
         assert planner.goal_reached
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "pose", "is_reached"),
+    [
+        # The goal is at x = 1 m.
+        ({"xy_goal_tolerance": 0.25}, (0.75, 0.0, 0.0), True),
+        ({"xy_goal_tolerance": 0.25}, (0.749, 0.0, 0.0), False),
+        # A quaternion, through which the yaw passes, may change the last bits of any yaw but 0.
+        ({"yaw_goal_tolerance": 0.0}, AT_GOAL, True),
+        ({"yaw_goal_tolerance": 0.0}, (0.9, 0.0, 0.001), False),
+    ],
+)
+def test_a_goal_exactly_a_tolerance_away_is_reached(tolerances, pose, is_reached):
+    planner = local_planner(straight(1.0), **tolerances)
+    command(planner, pose)
+    assert planner.goal_reached is is_reached
+
+
+def test_a_reached_goal_is_forgotten_in_a_reconfigure_as_in_cpp():
+    """TrajectoryPlannerROS::reconfigureCB clears the flag, which C++ reads in its next cycle."""
+    planner = local_planner(straight(1.0))
+    command(planner, AT_GOAL)
+    assert planner.goal_reached
+    planner.reconfigure(PARAMS)
+    assert not planner.goal_reached
 
 
 @pytest.mark.parametrize("latches", [False, True])

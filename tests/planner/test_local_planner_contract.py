@@ -167,6 +167,23 @@ def test_no_forward_command_into_an_obstacle(planner):
     assert not (ok and v > 0)
 
 
+def test_refusals_are_those_of_a_cycle_without_a_legal_sample(planner):
+    free_map = costmap()
+    planner.compute_velocity(ORIGIN, STANDING, free_map)
+    assert planner.refusals(free_map) == {}
+
+    # A wall across the map separates the robot from its goal.
+    wall = [(1.0, y / 20) for y in range(-60, 60)]
+    divided_map = costmap(*wall)
+    assert planner.compute_velocity(ORIGIN, STANDING, divided_map) == (False, STANDING)
+    counts = planner.refusals(divided_map)
+    assert counts.pop("samples") == sum(counts.values()) > 0
+
+    # Nothing is sampled.
+    planner.compute_velocity((math.nan, 0.0, 0.0), STANDING, divided_map)
+    assert planner.refusals(divided_map) == {}
+
+
 def test_a_reset_planner_equals_a_new_one(plugin, planner):
     slalom = costmap((1.0, 0.35), (1.4, -0.4))
     drive(planner, slalom, seconds=1.0)

@@ -123,16 +123,18 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
 
 
 @pytest.mark.parametrize(
-    ("shape", "resolution"),
+    ("shape", "resolution", "origin"),
     [
-        ((0, 3), 0.1),
-        ((3, 3), math.nan),
-        ((3, 3), 0.0),
+        ((0, 3), 0.1, (0, 0)),
+        ((3, 3), math.nan, (0, 0)),
+        ((3, 3), 0.0, (0, 0)),
+        ((3, 3), 0.1, (math.nan, 0)),
+        ((3, 3), 0.1, (0, math.inf)),
     ],
 )
-def test_a_map_without_cells_or_resolution_is_refused(shape, resolution):
+def test_a_map_without_cells_resolution_or_origin_is_refused(shape, resolution, origin):
     costmap = make_costmap(LayerDescription("static", StaticParameters()))
-    invalid_map = StaticMap(np.zeros(shape), resolution, (0, 0))
+    invalid_map = StaticMap(np.zeros(shape), resolution, origin)
     with pytest.raises(ApplrError, match="map has"):
         costmap.set_map("map", invalid_map)
     assert costmap.size == (N, N)
@@ -213,6 +215,15 @@ def test_updates_of_a_map_are_applied():
     # Columns 38 to 40, of which the last is not on the map.
     row_beyond = np.zeros((1, 3), np.int8)
     refused(lambda: costmap.update_map("map", 38, 0, row_beyond), "not on the map")
+
+
+@pytest.mark.parametrize(("x", "y"), [(-1, 0), (0, -1), (N, 0), (0, N)])
+def test_an_update_of_a_cell_beside_the_map_is_refused(x, y):
+    costmap = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
+    costmap.set_map("map", map_of(100))
+    refused(lambda: costmap.update_map("map", x, y, FREE_CELL), "not on the map")
+    costmap.update(HERE)
+    assert (costmap.cells == LETHAL).all()
 
 
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
@@ -357,11 +368,15 @@ def test_observation_persistence_and_silence_of_a_source():
     assert ObservationBuffer(Source()).is_current(99.0)
 
 
-def router_of(*buffers, enabled=True, scan_timeout=0.5):
-    """Return a router to the buffers of one obstacle layer, with a patience of 0.5 s."""
-    layer = SimpleNamespace(parameters=SimpleNamespace(enabled=enabled), buffers=list(buffers))
-    local_costmap = SimpleNamespace(obstacle_layers=[layer])
-    global_costmap = SimpleNamespace(obstacle_layers=[])
+def router_of(*buffers, global_buffers=(), enabled=True, scan_timeout=0.5):
+    """Return a router to the buffers of one obstacle layer of the local costmap, and of one of the
+    global costmap, with a patience of 0.5 s.
+    """
+    parameters = SimpleNamespace(enabled=enabled)
+    local_layer = SimpleNamespace(parameters=parameters, buffers=list(buffers))
+    global_layer = SimpleNamespace(parameters=parameters, buffers=list(global_buffers))
+    local_costmap = SimpleNamespace(obstacle_layers=[local_layer])
+    global_costmap = SimpleNamespace(obstacle_layers=[global_layer])
     return ObservationRouter(local_costmap, global_costmap, scan_timeout)
 
 
@@ -388,6 +403,18 @@ def test_lasers_of_one_topic_may_have_different_delays():
         router.take({"scan": replace(SCAN, stamp=now - 0.2, frame="front")}, now, None)
     expected = [10.08, 10.03, 9.99, 9.98, 9.94, 9.89]
     assert sorted(stamps(buffer), reverse=True) == pytest.approx(expected)
+
+
+def test_the_first_source_on_a_topic_determines_its_type_and_the_origin_of_its_rays():
+    scan = ObservationBuffer(Source(topic="scan"))
+    in_message_frame = ObservationBuffer(Source(topic="points", data_type="PointCloud2"))
+    of_mast = ObservationBuffer(Source(topic="points", data_type="PointCloud", sensor_frame="mast"))
+    of_rear = ObservationBuffer(Source(topic="points", data_type="PointCloud", sensor_frame="rear"))
+    router = router_of(scan, in_message_frame, global_buffers=(of_mast, of_rear))
+    # The topics of the local costmap come first: an observation without a topic is of the first.
+    assert list(router.data_types.items()) == [("scan", "LaserScan"), ("points", "PointCloud2")]
+    # A source without a sensor_frame leaves the choice to the others.
+    assert router.ray_origins == {"points": "mast"}
 
 
 @pytest.mark.parametrize("step_back", [0.05, 0.45, 30.0])
@@ -655,6 +682,16 @@ def test_a_rolling_costmap_shows_a_map_of_either_frame_in_its_own(
     x = costmap.origin[0] + (columns.mean() + 0.5) * costmap.resolution
     y = costmap.origin[1] + (rows.mean() + 0.5) * costmap.resolution
     assert (x, y) == pytest.approx(expected, abs=costmap.resolution)
+
+
+@pytest.mark.parametrize("subscribes", [(True, False), (False, True)])
+def test_a_topic_has_updates_if_one_of_its_static_layers_takes_them(subscribes):
+    tree = quick()
+    for costmap_name, takes_updates in zip(("global_costmap", "local_costmap"), subscribes):
+        costmap = tree[costmap_name]
+        costmap["plugins"] = [STATIC_LAYER, *costmap["plugins"]]
+        costmap["static"] = {"subscribe_to_updates": takes_updates}
+    assert MoveBase(tree).map_topics == {"map": True}
 
 
 def lethal_after_a_reset(move_base):

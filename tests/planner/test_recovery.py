@@ -213,6 +213,33 @@ def test_rotation_of_a_robot_that_cannot_turn_ends():
     assert seconds == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
 
 
+@pytest.mark.parametrize("like_cpp", [False, True])
+def test_only_in_cpp_may_a_rotation_take_an_hour(like_cpp):
+    _, rotation, *_ = recovery.build(complete(JACKAL_PARAMETERS), like_cpp)
+    rotation.start(0.0, ORIGIN)
+    command = rotation.step(3600.0, ORIGIN, OPEN, OPEN)
+    assert (command is not None) is like_cpp
+
+
+@pytest.mark.parametrize(
+    ("granularity", "begins"),
+    [
+        (0.017, False),
+        # At quarter turns, the corners do not point to the obstacle.
+        (0.5 * math.pi, True),
+    ],
+)
+def test_sim_granularity_is_the_step_between_the_yaws_that_must_be_free(granularity, begins):
+    # Within reach of the corners, at 0.41 m, and not of the sides, at 0.31 and 0.27 m
+    costmap = make_costmap()
+    costmap.update(ORIGIN, cloud_of((0.0, 0.36)))
+    tree = dict(JACKAL_PARAMETERS, rotate_recovery={"sim_granularity": granularity})
+    _, rotation, *_ = recovery.build(complete(tree))
+    rotation.start(0.0, ORIGIN)
+    command = rotation.step(0.0, ORIGIN, costmap, costmap)
+    assert (command is not None) is begins
+
+
 def test_a_rotation_slows_down_within_its_acceleration_limit():
     rotation = rotate(acc_lim_theta=1.0)
     # Halfway round first: from 0 straight to -0.2 rad would be a turn to the other side.

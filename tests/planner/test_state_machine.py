@@ -200,21 +200,12 @@ def test_a_robot_that_gets_away_begins_with_the_first_recovery_again():
 
 
 # -- recoveries ------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("x", "begun_count"),
-    [
-        (0.0, 2),
-        (0.4, 2),
-        (0.5, 3),
-    ],
-)
-def test_recovery_rounds_are_counted_anew_half_a_metre_nearer_to_the_goal(x, begun_count):
-    # Given: a robot that finds a plan after each recovery, and then neither a command nor a plan
-    drive = begun(Recovery("reset"), recovery_rounds=2, controller_patience=99.0)
+def recoveries_until_the_goal_is_given_up(drive, x):
+    """Return how many recoveries begin. After each one, the robot finds a plan, and then neither a
+    command nor another plan. The first recovery gets it to x [m].
+    """
     drive.plan = NO_PLAN
     drive.answer = NO_COMMAND
-
-    # When: the first recovery gets it to x
     recovery_count = 0
     cycle = drive.step()
     while cycle.result is None:
@@ -226,9 +217,30 @@ def test_recovery_rounds_are_counted_anew_half_a_metre_nearer_to_the_goal(x, beg
             recovery_count += 1
             drive.plan = PLAN
             drive.pose = (x, 0.0, 0.0)
+    return recovery_count
 
-    # Then: the goal is given up after two recoveries that have brought it no nearer
-    assert recovery_count == begun_count
+
+@pytest.mark.parametrize(
+    ("x", "begun_count"),
+    [
+        (0.0, 2),
+        (0.4, 2),
+        (0.5, 3),
+    ],
+)
+def test_recovery_rounds_are_counted_anew_half_a_metre_nearer_to_the_goal(x, begun_count):
+    drive = begun(Recovery("reset"), recovery_rounds=2, controller_patience=99.0)
+    # The goal is given up after two recoveries that have brought the robot no nearer.
+    assert recoveries_until_the_goal_is_given_up(drive, x) == begun_count
+
+
+def test_an_earlier_goal_that_was_nearer_does_not_count_in_the_rounds_of_the_next_one():
+    drive = Drive(Recovery("reset"), recovery_rounds=2, controller_patience=99.0)
+    drive.machine.set_goal((2.0, 0.0, 0.0), drive.time)
+    assert recoveries_until_the_goal_is_given_up(drive, 0.0) == 2
+    # 9.5 m are farther than 2 m, and half a metre nearer to this goal.
+    drive.machine.set_goal(GOAL, drive.time)
+    assert recoveries_until_the_goal_is_given_up(drive, 0.5) == 3
 
 
 def test_a_robot_that_loses_its_pose_in_a_recovery_stands_until_it_knows_it_again():

@@ -111,15 +111,39 @@ def test_another_goal_restarts_the_detector():
     assert drive(0.3, goal="b")[-1] == MOTIONS[0]
 
 
-def test_a_blocked_planner_gets_escape_motions_after_half_a_second():
-    drive = Drive(is_held=lambda driven: driven != MOTIONS[2])
-    motions = drive(3.0, GO)
-    assert set(motions[:10]) == {None}
+def changes_of(motions):
+    """Return the motions that differ from the one before."""
     changes = []
     for previous, motion in zip(motions, motions[1:]):
         if motion != previous:
             changes.append(motion)
-    assert changes[:3] == list(MOTIONS[:3])
+    return changes
+
+
+def test_escape_motions_turn_in_place_first_and_then_drive_curves_back_and_ahead():
+    drive = Drive(is_held=lambda driven: driven != STOP)
+    assert changes_of(drive(3.0, GO))[:9] == [
+        # 0.4 rad/s in place
+        (0.0, 0.4),
+        (0.0, -0.4),
+        # 0.1 m/s back, then ahead, in curves
+        (-0.1, 0.4),
+        (-0.1, -0.4),
+        (0.1, 0.4),
+        (0.1, -0.4),
+        # Straight ahead, then back
+        (0.1, 0.0),
+        (-0.1, 0.0),
+        # From the beginning
+        (0.0, 0.4),
+    ]
+
+
+def test_a_blocked_planner_gets_escape_motions_after_half_a_second():
+    drive = Drive(is_held=lambda driven: driven != MOTIONS[2])
+    motions = drive(3.0, GO)
+    assert set(motions[:10]) == {None}
+    assert changes_of(motions)[:3] == list(MOTIONS[:3])
     assert 10 <= motions.count(MOTIONS[2]) <= 11, "for half a second"
     # One past the last command of the motion
     end_step = len(motions) - motions[::-1].index(MOTIONS[2])

@@ -37,19 +37,36 @@ class StandingPlanner:
         return Cycle(command=STOP, planned=True, new_plan=self.finds_plan)
 
 
-@pytest.mark.parametrize("finds_plan", [True, False])
-def test_a_standing_cpp_like_planner_gets_escape_motions_only_if_it_finds_plans(finds_plan):
-    stack = Stack(JACKAL, StandingPlanner(finds_plan), monitor=True)
+def commands_of(stack, first_cycle, end_cycle):
+    """Return the commands of a standing robot in some cycles of 0.05 s."""
     robot = ToyRobot()
     scan = robot.scan()
-    stack.set_goal(GOAL, 0.0)
     commands = []
-    # After 2 s the motions begin with those into unobserved space, of which the monitor lets none
-    # pass.
-    for number in range(60):
+    for number in range(first_cycle, end_cycle):
         now = 0.05 * number
         step = stack.step(now, robot.pose, robot.twist, replace(scan, stamp=now))
         commands.append(step.command)
+    return commands
+
+
+@pytest.mark.parametrize("finds_plan", [True, False])
+def test_a_standing_cpp_like_planner_gets_escape_motions_only_if_it_finds_plans(finds_plan):
+    stack = Stack(JACKAL, StandingPlanner(finds_plan), monitor=True)
+    stack.set_goal(GOAL, 0.0)
+    # After 2 s the motions begin with those into unobserved space, of which the monitor lets none
+    # pass.
+    commands = commands_of(stack, 0, 60)
     assert set(commands[:40]) == {STOP}
     moves = commands[-1] != STOP
     assert moves is finds_plan
+
+
+def test_a_goal_that_is_sent_again_has_its_whole_patience():
+    stack = Stack(JACKAL, StandingPlanner(finds_plan=True), monitor=True)
+    stack.set_goal(GOAL, 0.0)
+    assert set(commands_of(stack, 0, 38)) == {STOP}
+    # 0.1 s before the motions would begin
+    stack.set_goal(GOAL, 1.9)
+    commands = commands_of(stack, 38, 98)
+    assert set(commands[:40]) == {STOP}
+    assert commands[-1] != STOP

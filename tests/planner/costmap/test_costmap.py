@@ -177,3 +177,33 @@ def test_a_cleared_costmap_forgets_its_obstacles():
     assert (costmap.obstacles.cells == 254).any()
     costmap.clear()
     assert not (costmap.obstacles.cells == 254).any()
+
+
+def test_a_snapshot_restores_place_and_obstacles_after_the_map_has_moved():
+    costmap = local()
+    unmoved_costmap = local()
+    for new_costmap in (costmap, unmoved_costmap):
+        new_costmap.update(HERE, hit(1.02, 0.02))
+    snapshot = costmap.snapshot()
+    costmap.update((1.0, 0.5, 0.0), hit(2.02, 0.52))
+    costmap.restore(snapshot)
+    assert costmap.origin.tolist() == unmoved_costmap.origin.tolist()
+    assert costmap.obstacles.origin.tolist() == unmoved_costmap.origin.tolist()
+    assert (costmap.cells == unmoved_costmap.cells).all()
+    assert (costmap.obstacles.cells == unmoved_costmap.obstacles.cells).all()
+
+
+@pytest.mark.parametrize(("pose", "radius"), [(None, 0.3), (HERE, 0.2)])
+def test_a_snapshot_is_inflated_by_the_current_parameters_if_the_pose_is_given(pose, radius):
+    # Given: a snapshot with an inflation radius of 0.3 m, and 0.2 m since then
+    costmap = fixed()
+    costmap.update(HERE, hit(1.02, 0.02))
+    snapshot = costmap.snapshot()
+    costmap.configure("inflater_layer", inflation_radius=0.2)
+    costmap.update(HERE, hit(0.02, 1.02))
+
+    costmap.restore(snapshot, pose)
+
+    expected_costmap = fixed(inflation=InflationParameters(radius))
+    expected_costmap.update(HERE, hit(1.02, 0.02))
+    assert (costmap.cells == expected_costmap.cells).all()

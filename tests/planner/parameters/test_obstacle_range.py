@@ -100,3 +100,10 @@ def test_a_range_that_differs_from_the_needed_one_is_one_line_with_both_lines_fo
     local = seeing(JACKAL_FILES, 5.0000001)["local_costmap"]
     line = mismatch(merged(JACKAL_FILES, {"local_costmap": local}), 5.0, "method x needs 5 m")
     assert line.startswith("global_costmap/obstacles_layer/scan/obstacle_range: ")
+
+
+@pytest.mark.parametrize(("obstacle_range", "differs"), [(5.004, False), (5.006, True)])
+def test_a_range_within_a_thousandth_of_the_needed_one_is_no_mismatch(obstacle_range, differs):
+    tree = merged(JACKAL_FILES, seeing(JACKAL_FILES, obstacle_range))
+    line = mismatch(tree, 5.0, "method x needs 5 m")
+    assert (line != "") is differs

@@ -17,6 +17,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete, remarks
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
+from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
 from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES
 from applr_ros1.planner.parameters.parameter import ParameterError, by_name
 from tests.support import ROOT
@@ -145,6 +146,23 @@ def test_dwa_values_that_cannot_be_run_give_one_line(values, words):
     assert words in line
     config = Configuration(complete(DWA))
     refused(lambda: config.request("DWAPlannerROS", values), words, kind=ParameterError)
+
+
+@pytest.mark.parametrize(
+    ("counts", "are_taken"),
+    [
+        # Each axis may have one sample more, at zero: 100 * 100 * 100
+        ((99, 99, 99), True),
+        ((99, 99, 100), False),
+        # An axis has two samples at least: 3 * 3 * 111,111 are 999,999.
+        ((1, 1, 111_110), True),
+        ((1, 1, 111_111), False),
+    ],
+)
+def test_a_cycle_of_dwa_has_a_million_samples_at_most(counts, are_taken):
+    numbers_of_samples = dict(zip(SAMPLES, counts))
+    tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **numbers_of_samples))
+    assert (check(tree) == []) is are_taken
 
 
 def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():

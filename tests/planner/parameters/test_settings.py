@@ -1,6 +1,7 @@
 """Tests of parameter values by server and name, and of changes between them."""
 
 import copy
+import math
 
 import pytest
 
@@ -71,6 +72,43 @@ def test_a_change_in_words():
     of_move_base = Change("", "planner_frequency", 0.0, 1.0)
     assert of_move_base.advice == "set planner_frequency to 1 instead of 0"
     assert str(Change("", "base_local_planner", "a/B", "c/D")) == "base_local_planner a/B -> c/D"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "ratio"),
+    [
+        (0.5, 0.25, 2.0),
+        (0.25, 0.5, 2.0),
+        (-0.5, -0.25, 2.0),
+        # Another sign, or none
+        (-0.5, 0.5, math.inf),
+        (0.0, 0.5, math.inf),
+        (0.5, 0.0, math.inf),
+        # Values without a size
+        (False, True, 1.0),
+        ("a/B", "c/D", 1.0),
+    ],
+)
+def test_the_departure_is_the_ratio_of_two_values_of_one_sign(before, after, ratio):
+    assert Change(PLANNER, "name", before, after).departure == ratio
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "default", "is_away"),
+    [
+        (2.0, 3.0, 1.0, True),
+        (2.0, 1.5, 1.0, False),
+        # Beyond the default: nearer than before, as far away, and farther
+        (2.0, 0.5, 1.0, False),
+        (2.0, 0.0, 1.0, False),
+        (2.0, -0.5, 1.0, True),
+        # Values without a size
+        (True, False, True, False),
+        ("a/B", "c/D", "a/B", False),
+    ],
+)
+def test_a_change_leads_away_if_it_ends_farther_from_the_default(before, after, default, is_away):
+    assert Change(PLANNER, "name", before, after).leads_away(default) is is_away
 
 
 @pytest.mark.parametrize("name", robots.NAMES)

@@ -1,4 +1,4 @@
-"""Tests of the trajectory planner: closed forms, parameters, single samples.
+"""Tests of the trajectory planner: closed forms, parameters, single samples, refusals.
 
 Golden vectors are in test_golden.py.
 """
@@ -142,6 +142,28 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     # The weights 0.75 and 1 of path and goal are per metre, and a cell has 0.1 m.
     total = 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 0.1 * 77
     assert row[3:] == pytest.approx([path[5, 5], goal[5, 5], 77, total])
+
+
+def test_refusals_count_the_rejected_samples_by_reason():
+    # Given: samples of 0.1 and 0.5 m/s, each four times straight ahead for 2 s
+    planner = make_planner(vx_samples=2, vtheta_samples=3, max_vel_theta=0.0, min_vel_theta=0.0)
+    costmap = open_map()
+
+    def refusals():
+        planner.find_best_path(costmap, ORIGIN, STANDING)
+        return planner.refusals(costmap)
+
+    assert refusals() == {"samples": 8, "obstacle": 0, "path or goal": 0}
+
+    # When: a wall of 1 m is 0.3 m ahead of the robot
+    costmap.cells[90:110, 112] = LETHAL
+    # Then: the faster samples hit it
+    assert refusals() == {"samples": 8, "obstacle": 4, "path or goal": 0}
+
+    # When: the wall crosses the map
+    costmap.cells[:, 112] = LETHAL
+    # Then: no sample has a way to the goal
+    assert refusals() == {"samples": 8, "obstacle": 0, "path or goal": 8}
 
 
 @pytest.mark.parametrize(
