@@ -25,7 +25,7 @@ PASSED = 1.0  # time of unblocked planner commands after which the robot counts 
 TRIES = 24  # number of unsuccessful motions after which a recovery is due: each of MOTIONS thrice
 V = 0.1  # speed of the motions [m/s]
 W = 0.4  # turn rate of the motions [rad/s]
-# Turning comes first, because it needs the least room; the ways back come before the ways ahead.
+# Turning comes first, because it needs the least room; curves come before straight ways.
 MOTIONS = (
     (0.0, W),
     (0.0, -W),

@@ -226,8 +226,7 @@ class StateMachine:
         self._cancelled = False
         self._refused = None
         self._wake_planner()
-        self._rounds = 0
-        self._nearest = math.inf
+        self._nearest = math.inf  # The next recovery begins a new count of rounds.
         self._escape = Escape()
         self._last_control = now
         self._last_oscillation = now

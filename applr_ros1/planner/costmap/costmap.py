@@ -346,6 +346,7 @@ class Costmap:
         for layer, cells in zip(self.obstacle_layers, layer_cells):
             layer.origin[:] = origin
             layer.cells[:] = cells
+        self._changed(self._whole)
         if pose is not None:
             self._refresh(pose, self._whole)
 

@@ -186,7 +186,9 @@ def test_a_snapshot_restores_place_and_obstacles_after_the_map_has_moved():
         new_costmap.update(HERE, hit(1.02, 0.02))
     snapshot = costmap.snapshot()
     costmap.update((1.0, 0.5, 0.0), hit(2.02, 0.52))
+    version = costmap.version
     costmap.restore(snapshot)
+    assert costmap.version > version
     assert costmap.origin.tolist() == unmoved_costmap.origin.tolist()
     assert costmap.obstacles.origin.tolist() == unmoved_costmap.origin.tolist()
     assert (costmap.cells == unmoved_costmap.cells).all()
