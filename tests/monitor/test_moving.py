@@ -427,6 +427,18 @@ def test_what_comes_counts_for_a_second_and_a_half_after_a_stop(arrival, meets):
     assert will_meet(comes, BODY.planes, BODY.edge, 0.0, AHEAD, 0.0) == meets
 
 
+def test_a_gap_counts_for_four_metres_beyond_the_nearer_range():
+    """What may come out of it is assumed every 15 cm."""
+    ranges = np.full(9, np.inf, np.float32)
+    ranges[:4] = 1.0
+    scan = LaserScan(0.0, -0.4, 0.1, 0.1, 10.0, ranges, (0.0, 0.0, 0.0))
+    x, y = gaps_in(scan).T
+    distances = np.sort(np.hypot(x, y))
+    assert 1.0 < distances[0] < 1.15
+    assert 4.85 < distances[-1] < 5.0
+    np.testing.assert_allclose(np.diff(distances), 0.15)
+
+
 def test_gaps_are_behind_the_nearer_beam_on_the_farther_one():
     ranges = np.full(9, 1.0, np.float32)
     ranges[4:6] = 1.0 + HIDING_M + 0.1, np.inf
