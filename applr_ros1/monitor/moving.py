@@ -244,7 +244,7 @@ def will_meet(
     """
     for disc in discs:
         reach = margin + disc.radius
-        for step in range(AHEAD_STEPS):
+        for step in range(AHEAD_STEPS + 1):  # Both ends of the time count.
             elapsed = max(time + step * AHEAD_STEP_S + disc.age, 0.0)
             if _is_within(disc, planes, edge, place, elapsed, reach):
                 return True

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common import angles, files
-from applr_ros1.common.arguments import boolean, number_within
+from applr_ros1.common.arguments import boolean, number_within, pose
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
 from applr_ros1.common.progress import announced
@@ -107,6 +107,15 @@ def test_numbers_beyond_their_bounds_are_refused():
 def test_booleans_are_those_of_launch_files(text, value):
     assert boolean("record", text) is value
     refused(lambda: boolean("record", text + "s"), f"record is {text}s: give true or false")
+
+
+def test_poses_are_three_finite_numbers():
+    for text in ("1 -2.5 0.3", "1,-2.5,0.3", " 1, -2.5 , 3e-1 "):
+        assert pose("goal", text) == (1.0, -2.5, 0.3)
+    remedy = "give three numbers 'x y yaw' in metres and radians"
+    for text in ("1 2", "1 2 3 4", "1 two 3", "1 2 inf", "nan 2 3"):
+        refused(lambda text=text: pose("goal", text), f"^goal is {text}: {remedy}$")
+    refused(lambda: pose("goal", ""), f"^goal is empty: {remedy}$")
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])

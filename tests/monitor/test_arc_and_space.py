@@ -116,14 +116,15 @@ def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
         (-2.0, PASS),
     ],
 )
-def test_the_swept_area_of_a_turn_about_a_point_far_ahead_counts(y, action):
-    """The base turns three times as fast as commanded about a point .5 m ahead.
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["ahead", "behind"])
+def test_the_swept_area_of_a_turn_about_a_point_far_ahead_or_behind_counts(y, action, side):
+    """The base turns three times as fast as commanded about a point .5 m ahead, or behind.
 
-    A rear corner then reaches .7 m.
+    A rear corner, or one at the front, then reaches .7 m.
     """
-    settings = replace(SETTINGS, turn_gain=3.0, turn_ahead=0.5)
+    settings = replace(SETTINGS, turn_gain=3.0, turn_ahead=side * 0.5)
     # 0.7 m to the side: far outside the circle that the body needs to turn about its own centre.
-    monitor = seen_all_around([(0.17, y)], settings)
+    monitor = seen_all_around([(side * 0.17, side * y)], settings)
     assert monitor.filter(0.0, HERE, AT_REST, (0.0, 1.0)).action == action
 
 

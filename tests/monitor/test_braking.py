@@ -126,30 +126,43 @@ def test_a_base_whose_slide_is_unknown_is_braked_gently():
 
 
 @pytest.mark.parametrize(
-    ("commanded_w", "wheel_w", "pose_w", "v"),
+    ("measured", "reverses"),
     [
-        (0.0, 0.0, 0.0, -0.5),
-        (0.2, 0.0, 0.0, SPEED - 0.6 * CYCLE_S),
-        (0.0, -0.2, 0.0, SPEED - 0.6 * CYCLE_S),
-        (0.0, 0.0, 0.2, SPEED - 0.6 * CYCLE_S),
+        ({}, True),
+        ({"commanded_w": 0.2}, False),
+        ({"wheel_w": -0.2}, False),
+        # The limits are 0.15 rad/s and 0.05 m/s.
+        ({"pose_w": 0.14}, True),
+        ({"pose_w": 0.16}, False),
+        ({"pose_w": -0.16}, False),
+        ({"slide": 0.04}, True),
+        ({"slide": 0.06}, False),
+        ({"slide": -0.06}, False),
+        ({"sideways": 0.04}, True),
+        ({"sideways": 0.06}, False),
+        ({"sideways": -0.06}, False),
     ],
-    ids=["straight on", "commanded", "wheels", "poses"],
+    ids=str,
 )
-def test_a_base_that_turns_by_any_measure_does_not_reverse_at_once(commanded_w, wheel_w, pose_w, v):
-    # Given: a base in free space, whose poses show a turn about the centre of rotation, no slip
+def test_a_base_that_turns_or_slides_by_any_measure_does_not_reverse_at_once(measured, reverses):
+    # Given: a base in free space, whose poses show a turn about the centre of rotation
+    motion = {"commanded_w": 0.0, "wheel_w": 0.0, "pose_w": 0.0, "slide": 0.0, "sideways": 0.0}
+    motion.update(measured)
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of((), BEHIND, -0.1))
     monitor.seen.cells[:] = 1
     monitor.add_scan(scan_of((), HERE, 0.0))
-    leftward = -SETTINGS.turn_ahead * pose_w
+    leftward = motion["sideways"] - SETTINGS.turn_ahead * motion["pose_w"]
     monitor.motion.take = lambda stamp, pose, v: None
-    monitor.motion.velocity = PoseVelocity(SPEED, pose_w, leftward)
+    monitor.motion.velocity = PoseVelocity(SPEED, motion["pose_w"], leftward)
     monitor.motion.baseline = 0.25
-    monitor.output = MonitorOutput(-CYCLE_S, SPEED, commanded_w)
+    monitor.motion.slide = motion["slide"]
+    monitor.output = MonitorOutput(-CYCLE_S, SPEED, motion["commanded_w"])
 
-    # Then: it only reverses at once if none of the turn rates shows a turn
-    verdict = monitor.filter(0.0, HERE, (SPEED, wheel_w), BACK)
-    assert verdict.command[0] == pytest.approx(v)
+    # Then: it only reverses at once if none of them shows a turn or a slide
+    verdict = monitor.filter(0.0, HERE, (SPEED, motion["wheel_w"]), BACK)
+    expected = BACK[0] if reverses else SPEED - 0.6 * CYCLE_S
+    assert verdict.command[0] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("changes", [{"last_command": 1.0}, {"wheel_speed": 0.31}])

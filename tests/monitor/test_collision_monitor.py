@@ -17,7 +17,7 @@ from applr_ros1.monitor.monitor import (
     MonitorOutput,
     Verdict,
 )
-from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
+from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck, geometry_fault
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import BaseMotion, penetration
 from applr_ros1.robots import JACKAL
@@ -436,6 +436,39 @@ def test_a_scan_older_than_the_latest_is_ignored():
     assert verdict_on(monitor, 1.5).action == SLOW
 
 
+def scan_with_hits(distances):
+    """Return a scan with a beam for each distance [m], and no other hit within 10 m."""
+    ranges = np.full(BEAMS, np.inf, np.float32)
+    ranges[300 : 300 + len(distances)] = distances
+    return scan_of([], HERE, ranges=ranges, range_max=10.0)
+
+
+@pytest.mark.parametrize(
+    ("earlier_scans", "expected_hits"),
+    [
+        ([[8.9] * 4], 0),
+        ([[8.9] * 5], 5),
+        # Beyond nine tenths of the range an obstacle may return no beam.
+        ([[8.9] * 4 + [9.1] * 4], 0),
+        ([[8.9] * 5 + [9.1] * 4], 5),
+        # A scan with fewer hits does not replace the one before it.
+        ([[3.0] * 8, [3.0] * 4], 8),
+        ([[3.0] * 8, [3.0] * 5], 5),
+    ],
+)
+def test_a_scan_without_hits_is_a_fault_if_five_earlier_ones_are_in_range(
+    earlier_scans, expected_hits
+):
+    check = ScannerCheck()
+    for distances in earlier_scans:
+        assert check.fault(scan_with_hits(distances)) == ""
+    expected = ""
+    if expected_hits:
+        points = f"{expected_hits} obstacle points of the previous scan"
+        expected = f"the scanner returns no hit, but {points} are in range"
+    assert check.fault(scan_with_hits([])) == expected
+
+
 def doubted_beams(check, scan, ranges):
     """Return the indices of the beams that are not believed in a scan of these ranges."""
     changed_scan = replace(scan, ranges=ranges)
@@ -496,6 +529,16 @@ def test_a_stamp_may_be_a_tenth_of_a_second_ahead_of_the_clock(source):
         verdict = monitor.filter(time, HERE, AT_REST, STRAIGHT_ON, pose_and_twist)
         assert verdict.action == action
     assert f"the latest {source} is stamped 0.11 s ahead of the clock" in verdict.reason
+
+
+@pytest.mark.parametrize("source", ["scan", "pose", "odometry"])
+def test_an_age_that_is_no_number_is_a_stop(source):
+    monitor = seen_all_around([(9.0, 0.0)])
+    ages = {"scan": 0.0, "pose": 0.0, "odometry": 0.0, source: math.nan}
+    pose_and_twist = (ages["pose"], ages["odometry"])
+    verdict = monitor.filter(ages["scan"], HERE, AT_REST, STRAIGHT_ON, pose_and_twist)
+    assert verdict.action == STOP
+    assert f"the latest {source} is stamped nan s ahead of the clock" in verdict.reason
 
 
 @pytest.mark.parametrize("points", [[(9.0, 0.0)], CLOSE_BEHIND], ids=["free", "wall behind"])
@@ -561,6 +604,17 @@ def test_odometry_of_more_than_twice_the_fastest_command_is_impossible(factor, i
     for twist in ((factor * fastest_v, 0.0), (0.0, factor * fastest_w)):
         verdict = monitor.filter(0.0, HERE, twist, (0.5, 0.0))
         assert ("too fast" in verdict.reason) == is_impossible
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2], ids=["x", "y", "yaw"])
+@pytest.mark.parametrize(("value", "is_stop"), [(0.9e6, False), (1.1e6, True), (-1.1e6, True)])
+def test_a_pose_beyond_a_million_metres_or_radians_is_a_stop(axis, value, is_stop):
+    monitor = seen_all_around([(9.0, 0.0)])
+    pose = [0.0, 0.0, 0.0]
+    pose[axis] = value
+    verdict = monitor.filter(0.0, pose, AT_REST, STRAIGHT_ON)
+    assert (verdict.action == STOP) == is_stop
+    assert ("too far away: check the odometry" in verdict.reason) == is_stop
 
 
 def test_the_scale_is_the_largest_safe_one():
@@ -710,6 +764,29 @@ def test_a_scan_with_more_beams_than_the_memory_has_points_is_refused():
     ranges = np.full(20000, 3.0, np.float32)
     huge_scan = scan_of([], HERE, 0.1, angle_increment=1e-4, ranges=ranges)
     assert "20000 beams" in CollisionMonitor().add_scan(huge_scan)
+
+
+FULL_TURN = 2.0 * math.pi
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("beams", "increment", "fault"),
+    [
+        (2, 0.5, "the scan has 2 beams: use a scanner with 3 to 16384"),
+        (3, 0.5, ""),
+        (3, 1.1e-5, ""),
+        (3, 0.9e-5, "this is not a planar scan"),
+        # Drivers round the angle of a full turn.
+        (361, (FULL_TURN + 0.019) / 360, ""),
+        (361, (FULL_TURN + 0.021) / 360, "this is not a planar scan"),
+    ],
+)
+def test_a_scan_has_three_beams_or_more_within_a_full_turn(beams, increment, fault, sign):
+    ranges = np.full(beams, 3.0, np.float32)
+    reported = geometry_fault(scan_of([], HERE, ranges=ranges, angle_increment=sign * increment))
+    assert fault in reported
+    assert bool(reported) == bool(fault)
 
 
 @pytest.mark.parametrize(

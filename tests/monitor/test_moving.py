@@ -420,11 +420,23 @@ def test_a_disc_meets_the_body_within_its_radius(x, y, meets):
     assert may_meet(disc(-y, x), *body, turned, 0.0) == meets
 
 
-@pytest.mark.parametrize(("arrival", "meets"), [(1.3, True), (1.6, False)])
+@pytest.mark.parametrize(("arrival", "meets"), [(1.45, True), (1.55, False)])
 def test_what_comes_counts_for_a_second_and_a_half_after_a_stop(arrival, meets):
     """It arrives at the front at 1 m/s. What comes later leaves the base the time to drive on."""
     comes = disc(FRONT + RADIUS + arrival, 0.0, vx=-1.0)
     assert will_meet(comes, BODY.planes, BODY.edge, 0.0, AHEAD, 0.0) == meets
+
+
+def test_a_gap_counts_for_four_metres_beyond_the_nearer_range():
+    """What may come out of it is assumed every 15 cm."""
+    ranges = np.full(9, np.inf, np.float32)
+    ranges[:4] = 1.0
+    scan = LaserScan(0.0, -0.4, 0.1, 0.1, 10.0, ranges, (0.0, 0.0, 0.0))
+    x, y = gaps_in(scan).T
+    distances = np.sort(np.hypot(x, y))
+    assert 1.0 < distances[0] < 1.15
+    assert 4.85 < distances[-1] < 5.0
+    np.testing.assert_allclose(np.diff(distances), 0.15)
 
 
 def test_gaps_are_behind_the_nearer_beam_on_the_farther_one():

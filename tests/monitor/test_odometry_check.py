@@ -89,6 +89,49 @@ def test_statements_that_differ_without_one_being_0_are_none(pose_speed, twist_s
     assert problem_of(poses, [(twist_speed, 0.0)] * len(poses)) == ""
 
 
+@pytest.mark.parametrize(
+    ("poses_at", "twist_at", "smallest_motion"),
+    [
+        (line, lambda v: (v, 0.0), 0.05),
+        (turn, lambda w: (0.0, w), 0.2),
+    ],
+    ids=["velocity", "turn rate"],
+)
+@pytest.mark.parametrize(
+    ("share", "still", "is_problem"),
+    [
+        (1.02, 0.0, True),
+        (0.98, 0.0, False),
+        # A driver's 0 may be a rounding error.
+        (2.0, 0.0009, True),
+        (2.0, 0.0011, False),
+    ],
+)
+def test_a_motion_above_its_limit_contradicts_what_is_0_to_a_thousandth(
+    poses_at, twist_at, smallest_motion, share, still, is_problem
+):
+    moving = share * smallest_motion
+    for pose_value, twist_value, remedy in (
+        (moving, still, "; fill twist"),
+        (still, moving, "; fill pose"),
+    ):
+        poses = poses_at(pose_value)
+        problem = problem_of(poses, [twist_at(twist_value)] * len(poses))
+        assert problem.endswith(remedy) == is_problem
+        assert bool(problem) == is_problem
+
+
+def test_a_contradiction_must_last_two_seconds_after_the_first_one():
+    """It takes a second to measure the poses."""
+    step = 1.0 / 64.0  # Its multiples are exact.
+    check = OdometryCheck()
+    problem_times = []
+    for row, pose in enumerate(line(0.17, 4.0, step)):
+        if check.take(step * row, pose, (0.0, 0.0)):
+            problem_times.append(step * row)
+    assert problem_times[0] == 3.0
+
+
 def test_a_robot_that_starts_and_stops_is_none():
     # The pose shows a motion a little later than the twist.
     poses = [(0.0, 0.0, 0.0)] * 33

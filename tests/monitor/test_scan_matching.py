@@ -20,6 +20,8 @@ NO_DISCS = np.zeros((0, 3))
 NO_WALLS = np.zeros((0, 5))
 ORIGIN = (0.0, 0.0, 0.0)
 STEP_S = 0.05  # time between two scans [s]
+# A random generator whose noise is zero
+SILENT = Mock(normal=lambda *shape: np.zeros(JACKAL.laser.beams))
 
 
 def scan(true, odometry, stamp, rng, discs=NO_DISCS, walls=NO_WALLS):
@@ -114,16 +116,42 @@ def test_a_scan_without_noise_is_matched_to_a_fraction_of_a_millimetre(yaw):
             (2.0, 1.5, 0.6, 1.0, 0.1),
         ]
     )
-    # A random generator whose noise is zero
-    silent = Mock(normal=lambda *shape: np.zeros(JACKAL.laser.beams))
     start = (0.0, 0.0, yaw)
     true = compose(start, (0.08, 0.06, 0.05))
     matcher = ScanMatcher()
-    matcher.add_scan(scan(start, start, 0.0, silent, walls=walls))
-    assert matcher.add_scan(scan(true, start, STEP_S, silent, walls=walls))
+    matcher.add_scan(scan(start, start, 0.0, SILENT, walls=walls))
+    assert matcher.add_scan(scan(true, start, STEP_S, SILENT, walls=walls))
     distance, angle = error_of(matcher, true, start)
     assert distance < 5e-4
     assert angle < 2e-4
+
+
+@pytest.mark.parametrize(
+    ("true", "is_corrected"),
+    [
+        ((0.14, 0.0, 0.0), True),
+        ((0.16, 0.0, 0.0), False),
+        ((0.11, -0.12, 0.0), False),  # .163 m
+        ((0.0, 0.0, 0.09), True),
+        ((0.0, 0.0, 0.11), False),
+        ((0.0, 0.0, -0.11), False),
+    ],
+)
+def test_a_correction_of_more_than_15_cm_or_a_tenth_of_a_radian_is_refused(true, is_corrected):
+    """The base moves in a room of 2 m, and its odometry shows nothing of it."""
+    walls = np.array(
+        [
+            (1.0, 0.0, 0.5 * math.pi, 2.0, 0.01),
+            (-1.0, 0.0, 0.5 * math.pi, 2.0, 0.01),
+            (0.0, 1.0, 0.0, 2.0, 0.01),
+            (0.0, -1.0, 0.0, 2.0, 0.01),
+        ]
+    )
+    matcher = ScanMatcher()
+    matcher.add_scan(scan(ORIGIN, ORIGIN, 0.0, SILENT, walls=walls))
+    assert matcher.add_scan(scan(true, ORIGIN, STEP_S, SILENT, walls=walls)) == is_corrected
+    expected = true if is_corrected else ORIGIN
+    assert matcher.corrected(ORIGIN) == pytest.approx(expected, abs=0.005)
 
 
 @seeds(5)

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from applr_ros1.common.scan import beam_directions
 from applr_ros1.movers import clusters, tracks
-from applr_ros1.movers.clusters import CLUSTER, POINTS
+from applr_ros1.movers.clusters import CLUSTER, MAX_CLUSTERS, POINTS
 from applr_ros1.movers.free_space import FAN, SCANS, depths, sees_through
 from applr_ros1.movers.slip import VOTER, Correction, shift, slip
 from applr_ros1.movers.tracks import MAX_TRACKS, TRACK
@@ -131,6 +132,27 @@ def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, increment):
     assert x == pytest.approx(1.0 + distance * math.cos(bearing), abs=1e-6)
     assert y == pytest.approx(-1.0 + distance * math.sin(bearing), abs=1e-6)
     assert (sigma > 0.05) == bool(hidden)
+
+
+@pytest.mark.parametrize(
+    ("distance", "beam_count", "count"),
+    [
+        # At 3 m, a chord with half a beam at each end of 1.57 m, or of 1.601 m
+        (3.0, 53, 1),
+        (3.0, 54, 0),
+        # At 0.3 m, half of the angle is 1.295 rad, or 1.305 rad.
+        (0.3, 259, 1),
+        (0.3, 261, 0),
+    ],
+)
+def test_a_cluster_wider_than_a_moving_obstacle_is_left_out(distance, beam_count, count):
+    ranges = np.full(300, np.inf, np.float32)
+    ranges[20 : 20 + beam_count] = distance
+    fans = np.zeros(1, FAN)
+    fans[0] = record(FAN, angle_min=-1.5, increment=0.01, range_min=0.1, range_max=10.0, beams=300)
+    directions = beam_directions(-1.5, 0.01, 300)
+    found = np.zeros(MAX_CLUSTERS, CLUSTER)
+    assert clusters.find_clusters(ranges, directions, fans, found) == count
 
 
 def seen_from(fan, error, places, outliers=0):

@@ -207,6 +207,16 @@ def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_pat
     assert decided["max_vel_x"] != 0.3
 
 
+def test_a_policy_of_another_version_of_the_observation_is_refused():
+    metadata = DimensionlessEncoding(JACKAL, PERIOD).to_metadata()
+    assert DimensionlessEncoding.of(metadata, JACKAL).period == PERIOD
+    older = {**metadata, "observation": "dimensionless-1"}
+    refused(
+        lambda: DimensionlessEncoding.of(older, JACKAL),
+        "its observation is dimensionless-1: dimensionless-2 is needed",
+    )
+
+
 def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
     """min_vel_x is a backward speed for DWAPlannerROS, but the smallest forward speed for
     TrajectoryPlannerROS.

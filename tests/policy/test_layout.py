@@ -2,6 +2,7 @@
 beam.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.policy.actor import load, save
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.layout import ANGLE_TOLERANCE_RAD, Layout, ObservationError
 from applr_ros1.policy.methods import make
+from applr_ros1.policy.observation import layout_of
 from tests.support.refusals import refused
 
 PAPER = Layout()
@@ -125,6 +128,23 @@ def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, l
         line,
         kind=ObservationError,
     )
+
+
+@pytest.mark.parametrize("view", [(0.5, 2.0), (-2.0, -0.5), (-0.001, 2.0)])
+@pytest.mark.parametrize(
+    "layout",
+    [layout_of, lambda robot: DimensionlessEncoding(robot, 1.0).layout],
+    ids=["paper", "dimensionless"],
+)
+def test_a_laser_that_does_not_look_ahead_has_no_layout(layout, view):
+    """A layout is symmetric about straight ahead."""
+    first_angle, last_angle = view
+    laser = robots.JACKAL.laser.model_copy(
+        update={"first_angle": first_angle, "last_angle": last_angle}
+    )
+    robot = replace(robots.JACKAL, laser=laser)
+    line = f"robot jackal: its laser covers {first_angle:.3f} to {last_angle:.3f} rad, not ahead"
+    refused(lambda: layout(robot), f"^{line}$")
 
 
 def test_an_actor_has_its_own_layout(tmp_path):

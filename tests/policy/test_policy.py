@@ -24,6 +24,7 @@ from applr_ros1.policy.encoding import Mirror, with_mirror_images
 from applr_ros1.policy.observation import (
     LAYOUT,
     ObservationError,
+    beginning,
     goal_angle,
     local_goal,
     observe,
@@ -224,6 +225,21 @@ def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
     assert last_y == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("distance", [0.5, 1.0, 4.0])
+def test_the_beginning_of_a_plan_has_the_local_goals_of_the_whole_plan(distance):
+    """The filter that smooths a plan looks ahead of each point."""
+    rng = np.random.default_rng(0)
+    plan = np.cumsum(rng.normal((0.03, 0.0), 0.02, (400, 2)), axis=0)
+    pose = (0.1, -0.05, 0.4)
+    points = beginning(plan, pose, distance)
+    assert len(points) < 200
+    for lookahead in (0.2, 0.9 * distance, distance):
+        whole_goal = local_goal(plan, pose, lookahead)
+        assert local_goal(points, pose, lookahead) == pytest.approx(whole_goal, abs=1e-9)
+    # A plan that ends before stays whole.
+    np.testing.assert_array_equal(beginning(plan[:5], pose, distance), plan[:5])
+
+
 def seen_with(plan, ranges=1.0):
     """Return the inputs of a robot at (1, 2), whose goal is ahead of it to the left."""
     return Seen(
@@ -365,12 +381,21 @@ def _wrong_files():
     other_space["high"][0] = 1.0
     other_header = dict(header, space=json.dumps(other_space))
     of_other_space = _raw(weights, **other_header)
+    of_other_robot = _raw(weights, **dict(header, robot='"husky"'))
+    of_other_format = _raw(weights, **dict(header, format="applr-actor-1"))
+    in_double_precision = {name: tensor.astype(float) for name, tensor in weights.items()}
     # An observation of the 720 beams and the goal's angle, without the eight parameters
     of_other_shape = _raw(make_weights(inputs=721), **header)
     return {
         "truncated": (whole_file[: len(whole_file) // 2], "damaged or of another kind"),
         "pickle": (pickle.dumps(Bomb()), "damaged or of another kind"),
         "space": (of_other_space, "another parameter space: high"),
+        "robot": (of_other_robot, "made for the robot husky: this robot is jackal"),
+        "format": (of_other_format, "unknown policy format 'applr-actor-1'"),
+        "numbers": (
+            _raw(in_double_precision, **header),
+            "its tensor .* is float64: float32 is needed",
+        ),
         "shapes": (of_other_shape, "721, 8.* inputs and outputs: .*729, 8"),
     }
 
@@ -384,6 +409,25 @@ def test_invalid_policy_files_are_rejected_in_one_line(case, tmp_path):
     policy_file.write_bytes(file_bytes)
     refused(lambda: load(policy_file), expected_error, str(policy_file))
     assert not hasattr(builtins, "applr_bomb")
+
+
+def test_the_default_parameters_may_differ_from_those_of_a_policys_training(tmp_path):
+    save(tmp_path / "a.safetensors", make_weights())
+    slow = {PLANNER: {"max_vel_x": 0.4}}
+    robot = robots.JACKAL.with_parameters(slow, "jackal")
+    assert load(tmp_path / "a.safetensors", robot).space.theta0[0] == 0.4
+
+
+def test_contexts_with_parameters_in_another_order_are_refused(tmp_path):
+    reversed_space = space_of(replace(robots.JACKAL, space=robots.JACKAL.space[::-1]))
+    policy_file = tmp_path / "contexts.safetensors"
+    actor_module.save_contexts(
+        policy_file,
+        {"open": reversed_space.chosen.theta0},
+        make_weights(inputs=720, outputs=1),
+        space=reversed_space,
+    )
+    refused(lambda: load(policy_file), "its parameters are .*: max_vel_x, .* are needed")
 
 
 def test_saving_is_atomic(tmp_path):
