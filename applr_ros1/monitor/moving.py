@@ -31,7 +31,7 @@ CERTAIN_M_S = 0.28
 ON_MOVER_M = 0.2  # distance from a tracked disc within which a range ends on it [m]
 # Time after a stop for which the base should stand out of the way of what moves, and step of the
 # check
-AHEAD_S = 1.5
+AHEAD_S = 1.4
 AHEAD_STEP_S = 0.1
 AHEAD_STEPS = round(AHEAD_S / AHEAD_STEP_S)
 # Difference between the ranges of neighbouring beams behind which something may hide [m]

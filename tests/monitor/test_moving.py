@@ -420,8 +420,8 @@ def test_a_disc_meets_the_body_within_its_radius(x, y, meets):
     assert may_meet(disc(-y, x), *body, turned, 0.0) == meets
 
 
-@pytest.mark.parametrize(("arrival", "meets"), [(1.45, True), (1.55, False)])
-def test_what_comes_counts_for_a_second_and_a_half_after_a_stop(arrival, meets):
+@pytest.mark.parametrize(("arrival", "meets"), [(1.35, True), (1.45, False)])
+def test_what_comes_counts_for_1_4_s_after_a_stop(arrival, meets):
     """It arrives at the front at 1 m/s. What comes later leaves the base the time to drive on."""
     comes = disc(FRONT + RADIUS + arrival, 0.0, vx=-1.0)
     assert will_meet(comes, BODY.planes, BODY.edge, 0.0, AHEAD, 0.0) == meets
