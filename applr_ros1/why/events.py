@@ -97,11 +97,20 @@ class Kind(NamedTuple):
         words: What the robot did.
         shortest: Shortest duration that counts [s].
         happens: (n,) whether it is so at each odometry message.
+        excused: (n,) whether a row does not count towards this duration; None if all count.
     """
 
     words: str
     shortest: float
     happens: np.ndarray
+    excused: Optional[np.ndarray] = None
+
+    def seconds(self, times: np.ndarray, rows: slice) -> float:
+        """Return the duration of some rows that counts [s]; times (n,) are those of the odometry."""
+        durations = np.diff(times[rows])
+        if self.excused is not None:
+            durations = durations[~self.excused[rows][:-1]]
+        return float(durations.sum())
 
 
 def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
@@ -125,7 +134,8 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
             event = _event(kind.words, odometry, event_rows)
             # An event that lies within one of a more special kind says nothing new.
             is_known = is_taken[event_rows].mean() >= 0.5
-            if event.seconds >= kind.shortest and not is_known:
+            is_long = kind.seconds(odometry.time, event_rows) >= kind.shortest
+            if is_long and not is_known:
                 is_taken[event_rows] = True
                 found_events.append(event)
 
@@ -168,12 +178,16 @@ def _kinds(odometry: Motion, limits: DriveLimits) -> Iterator[Kind]:
     standing_speed = np.minimum(STILL_SPEED, 0.5 * CREEPS * limits.speed)
     stands = speed < standing_speed
     turns = np.abs(w) >= STILL_TURN
+    turns_on_the_spot = stands & turns
     drives_back = (v < 0.0) & ~stands
     yield Kind("went to and fro", FRO_S / 2, _to_and_fro(odometry, limits))
     yield Kind("stood", STOOD_S, stands & ~turns)
-    yield Kind("turned on the spot", TURNED_S, stands & turns)
+    yield Kind("turned on the spot", TURNED_S, turns_on_the_spot)
     yield Kind("drove backwards", TURNED_S, drives_back)
-    yield Kind("crept", STOOD_S, speed < CREEPS * limits.speed)
+    # A turn on the spot or a way back is slow as well, but is an event of its own if it lasts.
+    yield Kind(
+        "crept", STOOD_S, speed < CREEPS * limits.speed, excused=turns_on_the_spot | drives_back
+    )
     yield Kind("swung from side to side", TURNED_S, _swings(odometry, limits))
     yield Kind(WAS_SLOW, SLOW_S, speed < SLOW * limits.speed)
 

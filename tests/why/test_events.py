@@ -137,12 +137,27 @@ def test_a_robot_that_circles_a_goal_beyond_its_tolerance_is_at_its_goal():
 
 
 @pytest.mark.parametrize(
-    ("kind", "speed", "shortest"), [("drove backwards", -0.2, 2.0), ("was slow", 0.2, 5.0)]
+    ("kind", "twist", "shortest"),
+    [
+        ("drove backwards", (-0.2, 0.0), 2.0),
+        ("drove backwards", (-0.1, 0.0), 2.0),
+        ("turned on the spot", (0.0, 0.4), 2.0),
+        ("crept", (0.1, 0.0), 1.0),
+        ("was slow", (0.2, 0.0), 5.0),
+    ],
 )
-def test_to_back_out_or_to_be_slow_for_a_moment_is_no_event(kind, speed, shortest):
+def test_to_turn_to_back_out_or_to_be_slow_for_a_moment_is_no_event(kind, twist, shortest):
     for duration, expected in ((shortest - 0.2, []), (shortest + 0.2, [kind])):
         row_count = round(duration * RATE_HZ)
-        assert kinds(drive_of(DRIVES + [(speed, 0.0)] * row_count + DRIVES)) == expected, duration
+        assert kinds(drive_of(DRIVES + [twist] * row_count + DRIVES)) == expected, duration
+
+
+def test_a_robot_that_creeps_between_short_turns_creeps():
+    turns = [(0.0, 0.4)] * 25
+    creeps = [(0.1, 0.0)] * 15
+    assert kinds(drive_of(DRIVES + turns + creeps * 2 + DRIVES)) == ["crept"]
+    assert kinds(drive_of(DRIVES + creeps + turns + creeps + DRIVES)) == ["crept"]
+    assert kinds(drive_of(DRIVES + turns + creeps + DRIVES)) == []
 
 
 def test_lengths_of_events_are_smaller_for_a_small_robot():
