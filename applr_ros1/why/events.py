@@ -106,7 +106,7 @@ class Kind(NamedTuple):
     excused: Optional[np.ndarray] = None
 
     def seconds(self, times: np.ndarray, rows: slice) -> float:
-        """Return the duration of some rows that counts [s]; times (n,) are those of the odometry."""
+        """Return the duration [s] of some rows that counts, of odometry at times (n,)."""
         durations = np.diff(times[rows])
         if self.excused is not None:
             durations = durations[~self.excused[rows][:-1]]

@@ -8,11 +8,13 @@ from typing import List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, compose
+from applr_ros1.common.paths import step_lengths
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Commands, Drive, Motion, Plans, Scans
 from applr_ros1.robots import Robot
 
 NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
+NEXT_GOAL_M = 1.0  # distance between the ends of two routes to different goals [m, for the Jackal]
 
 
 class Replayable(NamedTuple):
@@ -22,6 +24,20 @@ class Replayable(NamedTuple):
     odometry: Motion
     scans: Scans
     plans: Plans
+
+
+class Target(NamedTuple):
+    """Goal that a robot pursued.
+
+    Attributes:
+        pose: (x, y, yaw) [m, m, rad] in the odometry frame.
+        begin: Time of its first route [s]; -inf for the first goal of a drive.
+        end: Time of the first route to the next goal [s]; inf for the last one.
+    """
+
+    pose: Pose
+    begin: float
+    end: float
 
 
 @dataclass(frozen=True)
@@ -88,33 +104,54 @@ class Recording:
             sensor_height=self.robot.laser.height,
         )
 
-    @property
-    def goal(self) -> Optional[Pose]:
-        """Last goal (x, y, yaw) [m, m, rad] in the odometry frame, or None if it is unknown."""
+    def target(self, time: float) -> Optional[Target]:
+        """Return the goal that the robot pursued at a time [s], or None if it is unknown.
+
+        An application may send a goal again and again: goals at one place are one.
+        """
+        times, poses = self._goals()
+        if not poses:
+            return None
+        next_goal_m = NEXT_GOAL_M * self.robot.world_scale
+        steps = step_lengths(np.array(poses))
+        first_rows = [0, *(np.flatnonzero(steps > next_goal_m) + 1).tolist()]
+        # The first route comes a moment after the goal.
+        current_row = max(int(np.searchsorted(times, time, side="right")) - 1, 0)
+        number = int(np.searchsorted(first_rows, current_row, side="right")) - 1
+        begin = times[first_rows[number]] if number > 0 else -np.inf
+        if number + 1 == len(first_rows):
+            return Target(poses[-1], begin, np.inf)
+        next_row = first_rows[number + 1]
+        return Target(poses[next_row - 1], begin, times[next_row])
+
+    def _goals(self) -> Tuple[List[float], List[Pose]]:
+        """Return times [s] and goals: ends of routes, or what was sent, or the end of a plan."""
         drive = self.drive
         if drive.routes is not None:
-            route_ends = _ends(drive.routes)
+            times, route_ends = _ends(drive.routes)
             if route_ends:
-                return route_ends[-1]
-        plan_ends = _ends(self.plans)
+                return times, route_ends
+        # Goals are sent in any frame, often that of a map.
+        sent_goals = [sent for sent in drive.sent if sent.frame == drive.frame]
+        if sent_goals:
+            return [sent.time for sent in sent_goals], [sent.pose for sent in sent_goals]
+        times, plan_ends = _ends(self.plans)
         if plan_ends:
             # The followed part of a plan ends at the goal only near it.
             end_x, end_y, _ = plan_ends[-1]
             x, y, _ = self.odometry.pose[-1].tolist()
             if np.hypot(end_x - x, end_y - y) <= NEAR_GOAL_M:
-                return plan_ends[-1]
-        # Goals are sent in any frame, often that of a map.
-        for sent in reversed(drive.sent):
-            if sent.frame == drive.frame:
-                return sent.pose
-        return None
+                return times[-1:], plan_ends[-1:]
+        return [], []
 
 
-def _ends(plans: Plans) -> List[Pose]:
-    """Return the last poses of the plans that have poses."""
+def _ends(plans: Plans) -> Tuple[List[float], List[Pose]]:
+    """Return times [s] and last poses of the plans that have poses."""
+    times = []
     ends = []
-    for plan_path in plans.path:
+    for time, plan_path in zip(plans.time.tolist(), plans.path):
         if len(plan_path):
             x, y, yaw = plan_path[-1].tolist()
+            times.append(time)
             ends.append((x, y, yaw))
-    return ends
+    return times, ends

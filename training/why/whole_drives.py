@@ -48,9 +48,11 @@ NEARLY = 1.1
 # to the time with the recorded values, as a change need not help on every course.
 BEHIND = 1.25
 SLOWEST = 1.5  # longest duration of a drive in durations of the recorded one
-# Bounds of the time limit of a drive [s].
-SHORTEST_LIMIT_S = 20.0
-LONGEST_LIMIT_S = 60.0
+SHORTEST_LIMIT_S = 20.0  # smallest time limit of a drive [s]
+# Time limit if the recorded drive did not arrive [s], and its smallest ratio to the time of a
+# straight drive at top speed
+UNKNOWN_LIMIT_S = 60.0
+UNKNOWN_RATIO = 3.0
 SAME_PLACE_M = 1.0  # distance of two stops at the same place [m, for the Jackal]
 RANDOM: Dict[str, Any] = {  # deviations of a drive from the nominal robot
     "start_xy": 0.03,
@@ -187,12 +189,16 @@ class WholeDriveTrials(NamedTuple):
         )
 
 
-def limit_of(seconds: float) -> float:
-    """Return the time limit of whole drives [s] for the duration of the recorded way to the goal.
+def limit_of(seconds: float, straight_seconds: float) -> float:
+    """Return the time limit of whole drives [s].
 
-    It is inf if the recorded drive did not arrive.
+    Args:
+        seconds: Duration of the recorded way to the goal [s]; inf if the drive did not arrive.
+        straight_seconds: Time of a straight drive from start to goal at top speed [s].
     """
-    return min(max(SLOWEST * seconds, SHORTEST_LIMIT_S), LONGEST_LIMIT_S)
+    if np.isfinite(seconds):
+        return max(SLOWEST * seconds, SHORTEST_LIMIT_S)
+    return max(UNKNOWN_RATIO * straight_seconds, UNKNOWN_LIMIT_S)
 
 
 def drive_once(

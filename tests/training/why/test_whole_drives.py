@@ -2,6 +2,7 @@
 that follows.
 """
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -565,7 +566,56 @@ def test_a_doubtful_replay_is_called_so(replayed):
 
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
     drive, world = door
-    assert Recording.of(drive, JACKAL).goal == pytest.approx(world.course.goal)
+    assert Recording.of(drive, JACKAL).target(math.inf).pose == pytest.approx(world.course.goal)
+
+
+@pytest.mark.parametrize("columns", ["routes", "sent"])
+def test_of_several_goals_the_one_of_the_event_counts_and_one_sent_again_is_one(door, columns):
+    # Given: a patrol from B to A and to B again, whose goals are sent every second
+    drive, _ = door
+    there = (2.0, 0.0, 0.0)
+    here = (0.0, 0.5, 1.0)
+    goals = [there] * 4 + [here] * 3 + [there] * 3
+    times = np.arange(10.0)
+    if columns == "routes":
+        routes = Plans(times, [np.array([(9.0, 9.0, 0.0), goal]) for goal in goals])
+        recording = Recording.of(replace(drive, routes=routes), JACKAL)
+    else:
+        sent = [SentGoal(time, goal, drive.frame) for time, goal in zip(times, goals)]
+        recording = Recording.of(replace(drive, routes=None, sent=sent), JACKAL)
+
+    assert recording.target(-1.0) == recording.target(3.9) == (there, -math.inf, 4.0)
+    assert recording.target(4.0) == recording.target(6.9) == (here, 4.0, 7.0)
+    assert recording.target(7.0) == recording.target(math.inf) == (there, 7.0, math.inf)
+
+
+def test_of_a_drive_with_several_goals_the_course_to_the_one_of_the_event_is_driven(replayed):
+    # Given: a drive whose robot got another goal after five seconds, and stood on the way to it
+    drive = replayed.drive
+    first_goal = np.array([(0.0, 0.0, 0.0), (0.0, -3.0, 0.0)])
+    x, y, _ = drive.odometry.pose[-1]
+    second_goal = np.array([(0.0, 0.0, 0.0), (x, y, 0.0)])
+    routes = Plans(np.array([0.0, 5.0]), [first_goal, second_goal])
+    recording = Recording.of(replace(drive, routes=routes), replayed.robot)
+    event = Event("crept", 4.0, 12.0, (0.0, 0.3))
+
+    conditions = remedies.course_of(Diagnosis(replay_of(recording), [event]), []).conditions
+
+    course = conditions.world.course
+    assert course.goal == (x, y, 0.0)
+    row = drive.odometry.latest(5.0)
+    assert course.start[:2] == pytest.approx(drive.odometry.pose[row, :2], abs=0.01)
+    way_seconds = drive.odometry.time[-1] - 5.0
+    expected_limit = max(whole_drives.SLOWEST * way_seconds, whole_drives.SHORTEST_LIMIT_S)
+    assert conditions.limit == pytest.approx(expected_limit, abs=0.2)
+
+
+def test_whole_drives_may_take_half_as_long_again_as_the_recorded_one():
+    assert whole_drives.limit_of(100.0, 20.0) == 150.0
+    assert whole_drives.limit_of(10.0, 5.0) == 20.0
+    # A drive that did not arrive gives no time. A straight way of 10 m takes a Burger 45 s.
+    assert whole_drives.limit_of(math.inf, 20.0) == 60.0
+    assert whole_drives.limit_of(math.inf, 10.0 / 0.22) == pytest.approx(136.4, abs=0.1)
 
 
 def test_the_end_of_a_followed_part_far_from_the_robot_is_no_goal(door):
@@ -573,17 +623,17 @@ def test_the_end_of_a_followed_part_far_from_the_robot_is_no_goal(door):
     without_routes = replace(drive, routes=None, sent=[])
     far_plan = drive.plans.path[-1] + (0.0, 5.0, 0.0)
     far_away = replace(without_routes, plans=Plans(drive.plans.time[-1:], [far_plan]))
-    assert Recording.of(far_away, JACKAL).goal is None
+    assert Recording.of(far_away, JACKAL).target(math.inf) is None
 
     x, y, _ = drive.odometry.pose[-1]
     near_plan = np.array([(x, y + 1.0, 0.5)])
     near = replace(without_routes, plans=Plans(drive.plans.time[-1:], [near_plan]))
-    assert Recording.of(near, JACKAL).goal == pytest.approx((x, y + 1.0, 0.5))
+    assert Recording.of(near, JACKAL).target(math.inf).pose == pytest.approx((x, y + 1.0, 0.5))
 
     in_map = SentGoal(0.0, (1.0, 2.0, 0.0), "map")
     in_odometry = SentGoal(0.0, (3.0, 4.0, 0.0), drive.frame)
     sent = replace(far_away, sent=[in_odometry, in_map])
-    assert Recording.of(sent, JACKAL).goal == (3.0, 4.0, 0.0)
+    assert Recording.of(sent, JACKAL).target(math.inf).pose == (3.0, 4.0, 0.0)
 
 
 def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_about(
@@ -629,7 +679,7 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
         limits.append(remedies.course_of(diagnose(replay), []).conditions.limit)
 
     limit_on_its_way, limit_at_its_goal = limits
-    assert limit_on_its_way == whole_drives.LONGEST_LIMIT_S
+    assert limit_on_its_way == whole_drives.UNKNOWN_LIMIT_S
     drive_duration = drive.odometry.time[-1]
     longest = whole_drives.SLOWEST * drive_duration
     assert limit_at_its_goal == pytest.approx(longest, abs=1.0)
