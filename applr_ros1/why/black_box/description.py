@@ -15,7 +15,7 @@ from applr_ros1.common.trees import branch
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP
-from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from applr_ros1.robots.folder import content_of, described
 from applr_ros1.robots.robot import MoveBaseSetup
 
@@ -56,7 +56,7 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
 
     Args:
         text: The description.
-        bag_name: Name of its bag, which stands for the robot's folder.
+        bag_name: Name of its bag, which stands for the folder of a robot that is not included.
 
     Raises:
         ApplrError: The text is no description.
@@ -67,6 +67,9 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
         known_topics = {name: topics[name] for name in vars(TopicNames()) if name in topics}
         robot = described(content["robot"], str(content["name"]), bag_name)
         robot = driving(robot, robot.parameters())
+        # The policy of an included robot is at hand, and can decide again.
+        if robot.name in NAMES:
+            robot = replace(robot, folder=load(robot.name).folder)
         return DescribedRobot(robot, TopicNames(**known_topics), bool(content["is_known"]))
     except (KeyError, TypeError, AttributeError):
         problem = f"{TOPIC} does not describe a robot"

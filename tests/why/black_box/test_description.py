@@ -1,5 +1,7 @@
 """Tests of the robot's description in a bag of the black box."""
 
+from dataclasses import replace
+
 import pytest
 
 from applr_ros1.common.errors import ApplrError
@@ -28,13 +30,18 @@ def test_a_robot_is_described_by_a_text(name):
     assert read_back.topics == topics
     assert read_back.is_known
     assert read_back.robot.name == name
-    # Its folder is the bag, so that no file beside the bag is taken for one of the robot's.
-    assert read_back.robot.folder == "stop.bag"
+    # The policy and the tuned set of an included robot are at hand.
+    assert read_back.robot.folder == robot.folder
     for field in ("base", "body", "laser", "frames", "simulation", "monitor", "topics"):
         assert getattr(read_back.robot, field) == getattr(robot, field), field
     assert read_back.robot.space == robot.space
     assert read_back.robot.world_scale == robot.world_scale
     assert read_back.robot.all_parameters() == robot.all_parameters()
+
+
+def test_no_file_beside_a_bag_is_taken_for_one_of_the_robots():
+    driven = DescribedRobot(replace(JACKAL, name="mine"), TopicNames(), True)
+    assert described_by(text_of(driven), "stop.bag").robot.folder == "stop.bag"
 
 
 def test_the_parameters_are_those_with_which_move_base_runs():
