@@ -180,6 +180,25 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
     drive(stack, 0.3)
 
 
+@pytest.mark.parametrize("interrupted", [("guard", "node"), ("guard",), ("node",)], ids=str)
+def test_the_last_commands_of_an_interrupted_monitor_are_zeros(stack, interrupted):
+    """roslaunch interrupts both processes at once. The planner goes on with its commands."""
+    jackal = stack.jackal
+    drive(stack, 0.5)
+    process_ids = {"guard": monitors[-1].pid, "node": node_pid("/collision_monitor")}
+    for name in interrupted:
+        os.kill(process_ids[name], signal.SIGINT)
+
+    def has_ended():
+        send(stack, 0.5)
+        return not monitors[-1].alive()
+
+    wait_for(has_ended, "the end of the monitor")
+    assert [command.velocity for command in jackal.commands[-3:]] == [(0.0, 0.0)] * 3
+    start()
+    drive(stack, 0.3)
+
+
 def test_a_guard_begins_with_a_zero_before_any_node_lives():
     """An earlier guard may have died together with its node, and the base may have no command
     time-out.

@@ -119,18 +119,21 @@ class ApplrEnv(gymnasium.Env):
         if protocol == DRAWN:
             protocol = str(self.np_random.choice([PAPER, CHALLENGE]))
         world = worlds_package.scaled(under(protocol, world), self.settings.robot.world_scale)
-        course_drive = self.begin(world, episode_seed)
+        # The Challenge's rules hold in training, too.
+        ends_on_contact = self.rules.end_on_contact or protocol == CHALLENGE
+        rules = dataclasses.replace(self.rules, end_on_contact=ends_on_contact)
+        course_drive = self.begin(world, episode_seed, rules)
         self.course_drive = course_drive
         self.pilot.begin(episode_seed)
         return self._observation(course_drive), self._info(course_drive.outcome)
 
-    def begin(self, world: World, seed: int, *, record: bool = False) -> CourseDrive:
+    def begin(self, world: World, seed: int, rules: Rules, *, record: bool = False) -> CourseDrive:
         """Return a new drive along the course of a world, with all columns if it is recorded."""
         return CourseDrive(
             self.simulated,
             world,
             seed,
-            self.rules,
+            rules,
             period=self.pilot.period,
             theta=self.pilot.defaults().theta,
             record=record,

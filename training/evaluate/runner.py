@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 from functools import lru_cache, partial
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -82,6 +82,19 @@ def world_list(text: str, protocol: str, robot: Robot) -> List[TrialWorld]:
                 raise ApplrError(f"{problem}: evaluate one at a time, or rename a file")
             listed[world.name] = TrialWorld(world.name, specification, world)
     return list(listed.values())
+
+
+def check_unseen(learned: Iterable[str], judged: Iterable[str]) -> None:
+    """Raise ApplrError if a world of the option --worlds also judges what is learned there.
+
+    Args:
+        learned: Names of the worlds of the option.
+        judged: Names of the worlds of choice and verdict.
+    """
+    common = set(learned).intersection(judged)
+    if common:
+        problem = f"--worlds contains {min(common)}, in which the result is judged"
+        raise ApplrError(f"{problem}: leave out {len(common)} such worlds")
 
 
 def at_scale(protocol: str, specification: str, robot: Robot) -> World:

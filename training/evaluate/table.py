@@ -97,6 +97,8 @@ class TrialTable:
             write_json(settings_file, settings)
         with reading(settings_file):
             self.notes: Dict[str, Any] = dict(read_json(settings_file))
+        # Evaluations of older versions drove in the odometry's frame.
+        self.notes.setdefault("matched", False)
         # As JSON, because a tuple would differ from the list that was read.
         for setting, value in json.loads(json.dumps(settings)).items():
             if value != self.notes.get(setting):

@@ -26,7 +26,7 @@ from applr_ros1.robots import NAMES
 from training.common.command_line import continuable, parsed, robot_name
 from training.common.folders import make_folder
 from training.env.settings import CHALLENGE
-from training.evaluate.runner import content, content_of_worlds, world_list
+from training.evaluate.runner import check_unseen, content, content_of_worlds, world_list
 from training.evaluate.score import AIMS
 from training.evaluate.table import TrialTable
 from training.evaluate.verdict import SET
@@ -54,6 +54,7 @@ def run(options: TuneOptions) -> int:
     searched, unseen = split(options.worlds)
     worlds = world_list(searched, CHALLENGE, robot)
     unseen_worlds = world_list(unseen, CHALLENGE, robot)
+    check_unseen([world.name for world in worlds], [world.name for world in unseen_worlds])
     run_folder = make_folder(options.out or os.path.join("tune", robot.name))
 
     # A search could only find out slowly that a robot's description is wrong.

@@ -46,6 +46,7 @@ with extra(__name__):
     from training.workers.pool import Pool
     from worlds.map_reader import read_map
 
+LONGEST_BAG_S = 7200.0  # time after which a worker counts as hung, for replays of long bags [s]
 COMPARED = 2  # number of bags that are compared with each other
 # Style of the bars of a logbook, which only a terminal shows
 BAR: Dict[str, Any] = {"dynamic_ncols": True, "leave": False, "disable": None}
@@ -82,6 +83,8 @@ def run(options: WhyOptions) -> None:
     if is_folder or len(bag_paths) > COMPARED:
         _keep_logbook(bag_paths, options)
         return
+    if options.map and not options.map.endswith(".yaml"):
+        raise ApplrError(f"--map {options.map}: give a file that ends in .yaml")
     if options.on:
         raise ApplrError("--on is the map of a logbook: give a folder, or three bags and more")
     # A bag of the black box says which robot drove.
@@ -89,6 +92,10 @@ def run(options: WhyOptions) -> None:
     try:
         replays = [_replayed(bag_path, options) for bag_path in bag_paths]
     except NotReplayedError as problem:
+        if len(bag_paths) > 1:
+            raise ApplrError(
+                f"{problem}; ask about one bag, drives are compared by replays"
+            ) from None
         _answer_from_outside(problem, options)
         return
     first_replay, *other_replays = replays
@@ -130,7 +137,7 @@ def _keep_logbook(bag_paths: Sequence[Path], options: WhyOptions) -> None:
     bag_options = BagAnswerOptions(
         **{name: value for name, value in given.items() if name in BagAnswerOptions.model_fields}
     )
-    with continuable(), Pool(options.workers) as pool:
+    with continuable(), Pool(options.workers, seconds=LONGEST_BAG_S) as pool:
         logbook = logbook_of(bag_paths, bag_options, pool, _bag_bar)
         change = None
         if not options.quick:
@@ -165,8 +172,13 @@ def _answer_from_outside(problem: NotReplayedError, options: WhyOptions) -> None
         print(json.dumps(outside_values(drive, found_events, lines)))
     else:
         print("\n".join(lines))
-    if options.out:
-        print(f"{options.out}: not written: a page shows a replay", file=sys.stderr)
+    for option_name, use in (
+        ("out", "a page shows"),
+        ("map", "a map needs"),
+        ("at", "it explains"),
+    ):
+        if option_name in options.model_fields_set:
+            print(f"--{option_name} is not used: {use} a replay", file=sys.stderr)
 
 
 def _replayed(path: Path, options: WhyOptions) -> Replay:

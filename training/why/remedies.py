@@ -144,7 +144,8 @@ def candidates(
         all_candidates = [
             candidate for candidate in all_candidates if undecided(candidate.changes, robot)
         ]
-    return all_candidates[:CANDIDATES]
+    # A value may be a candidate for two reasons.
+    return list(dict.fromkeys(all_candidates))[:CANDIDATES]
 
 
 def milder(replay: Replay, guess: Alternative) -> List[Candidate]:

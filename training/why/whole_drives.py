@@ -31,7 +31,7 @@ from applr_ros1.stack.stack import Stack
 from applr_ros1.why.rerun import driven_parameters
 from training.why.candidates import Candidate, with_changes
 from training.why.deciding import POLICY
-from training.workers.calls import CallFailed
+from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds import World
 
@@ -350,6 +350,8 @@ def _drive(
     for candidate, arrival_of in drives_begun:
         try:
             arrival = arrival_of()
+        except CallLost as lost:
+            raise ApplrError(f"a drive in simulation was lost: {lost}") from None
         except CallFailed:
             # Values may contradict each other, such as a footprint without an area.
             if candidate is None:

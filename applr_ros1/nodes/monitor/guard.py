@@ -23,15 +23,14 @@ import rospy
 from geometry_msgs.msg import Twist as TwistMessage
 
 from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.nodes.base_commands import ZEROS_S, publish_zeros
 
 GUARD_SUFFIX = "_guard"  # suffix of the guard's ROS name, after the node's name
 # Environment variable with the file descriptor of the node's end of the pipe
 PIPE_VARIABLE = "APPLR_HEARTBEAT"
 SILENCE_S = 0.35  # time without a heartbeat after which zeros are published [s]
-ZEROS_S = 0.05  # time between two zeros [s]
 FROZEN_S = 5.0  # time without a heartbeat after which the node is killed [s]
 ENDS_S = 3.0  # time for the node to exit at shutdown before it is killed [s]
-LAST_ZEROS = 10  # number of zeros after the node's end
 
 
 class Heartbeat:
@@ -117,20 +116,10 @@ def _watch() -> int:
     if last_beat < math.inf:
         problem = "collision monitor: the node has ended"
         rospy.logerr("%s; the base is stopped until roslaunch restarts the node", problem)
-        publish_zeros(commands, LAST_ZEROS)
+        publish_zeros(commands)
     return node.wait()
 
 
 def _publisher(topic: str) -> rospy.Publisher:
     """Return a publisher of commands to the base."""
     return rospy.Publisher(topic, TwistMessage, queue_size=1, latch=True)
-
-
-def publish_zeros(commands: rospy.Publisher, count: int) -> None:
-    """Publish `count` zeros before a process ends.
-
-    A single zero might be lost because exiting closes connections.
-    """
-    for _ in range(count):
-        commands.publish(TwistMessage())
-        time.sleep(ZEROS_S)

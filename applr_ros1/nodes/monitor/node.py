@@ -39,13 +39,14 @@ from applr_ros1.monitor.monitor import (
 )
 from applr_ros1.monitor.settings import OF_ROBOT, MonitorSettings
 from applr_ros1.nodes import conversions
+from applr_ros1.nodes.base_commands import BaseCommands
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
 from applr_ros1.stack.command_chain import CommandChain, StalledPlanner
 
 from .frame_broadcaster import FrameBroadcaster
-from .guard import Heartbeat, publish_zeros
+from .guard import Heartbeat
 from .move_base_progress import MoveBaseProgress
 from .reports import MonitorReports, topic_named
 
@@ -53,7 +54,7 @@ LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
 REPORT_S = 1.0  # interval between diagnostics, in wall time [s]
 POSE_AGE_S = 0.3  # largest usable age of the base's pose in the odometry frame [s]
 ZEROS_S = 0.05  # interval between the node's own commands while none arrives, in wall time [s]
-LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
+RESTING_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
 STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
 ESCAPE = "escape"  # action reported while the node drives an escape motion
 # Speed and turn rate below which the base counts as at rest
@@ -108,7 +109,7 @@ class CollisionMonitorNode:
         self.sensors = Sensors.of_lasers(robot, prefix, odometry_frame, more_scans)
         self._broadcaster = FrameBroadcaster(odometry_frame, prefix + robot.frames.matched)
         topic = command_topic(robot.topics.cmd_vel)
-        self._commands = rospy.Publisher(topic, TwistMessage, queue_size=1, latch=True)
+        self._commands = BaseCommands(topic, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
@@ -139,9 +140,7 @@ class CollisionMonitorNode:
             # Without heartbeats the guard process takes over, and publishes zeros itself.
             guard_lives = heartbeat.beat()
             if not guard_lives:
-                with self._lock:  # Held until rospy has shut down: no command may follow the zeros.
-                    publish_zeros(self._commands, LAST_ZEROS)
-                    rospy.signal_shutdown("the guard process has ended")
+                rospy.signal_shutdown("the guard process has ended")
             if time.monotonic() >= report_due:
                 report_due = time.monotonic() + REPORT_S
                 self._report()
@@ -175,7 +174,7 @@ class CollisionMonitorNode:
     def _break_silence(self) -> None:
         """Brake to zero while commands are missing.
 
-        After LAST_ZEROS zeros to a base at rest, nothing is published: another node, such as a
+        After RESTING_ZEROS zeros to a base at rest, nothing is published: another node, such as a
         joystick's, may then drive the base.
         """
         silence = self.monitor.silence
@@ -187,7 +186,7 @@ class CollisionMonitorNode:
         # A silent move_base may be stuck. An escape motion then takes the place of the zero.
         if self._drive((0.0, 0.0), only_escapes=True):
             return
-        if self._zeros < LAST_ZEROS:
+        if self._zeros < RESTING_ZEROS:
             self._zeros = self._zeros + 1 if self._is_at_rest() else 0
             self._commands.publish(conversions.twist(*self._braked()))
         reason = self._stalled or f"no command for {silence:.2g} s"

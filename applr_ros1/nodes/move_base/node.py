@@ -25,7 +25,6 @@ import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Polygon, PoseStamped
-from geometry_msgs.msg import Twist as TwistMessage
 from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseFeedback, RecoveryStatus
 from nav_msgs.msg import OccupancyGrid, Path
@@ -40,6 +39,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import command_topic, init_node, until_shutdown
 from applr_ros1.nodes import conversions
+from applr_ros1.nodes.base_commands import BaseCommands
 from applr_ros1.nodes.conversions import MessageError
 from applr_ros1.nodes.robot_parameters import STARTING, with_robot
 from applr_ros1.nodes.sensors import Sensors
@@ -114,7 +114,7 @@ class MoveBaseNode:
         self.reports = MoveBaseReports(time.monotonic())
         self._max_speed = parameters["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(parameters["applr"]["period"])
-        self._command = rospy.Publisher(command_topic(cmd_vel_topic), TwistMessage, queue_size=1)
+        self._command = BaseCommands(command_topic(cmd_vel_topic))
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
@@ -134,7 +134,6 @@ class MoveBaseNode:
             reset_distance = parameters[recovery]["reset_distance"]
             rospy.set_param(f"~{recovery}/reset_distance", reset_distance)
         self._pose: Any = None  # latest pose (x, y, yaw) of the robot in the global frame
-        rospy.on_shutdown(self._stop)
 
     def serve(self) -> None:
         """Accept goals and requests until the node is shut down."""
@@ -494,11 +493,6 @@ class MoveBaseNode:
         abort_message = f"Aborting because of an internal error: {type(error).__name__}: {error}"
         self._finish("aborted", abort_message.replace("\n", " "))
         self.move_base.reset(rospy.get_time(), restore=False)
-
-    def _stop(self) -> None:
-        """Stop the robot at shutdown."""
-        self._send(0.0, 0.0)
-        time.sleep(0.1)  # rospy publishes from another thread.
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from applr_ros1.common.angles import normalize_angle
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import command_topic, init_node
+from applr_ros1.nodes.base_commands import BaseCommands
 from applr_ros1.nodes.conversions import Reading, reading_of, twist
 from applr_ros1.robots import load
 
@@ -162,9 +163,8 @@ class MeasuredBase:
         self.free = free
         self.readings: List[Reading] = []
         self._arrived = 0.0  # time.monotonic() of the latest reading
-        self._commands = rospy.Publisher(command, TwistMessage, queue_size=1)
+        self._commands = BaseCommands(command)
         rospy.Subscriber(odometry, Odometry, self._take, queue_size=50, tcp_nodelay=True)
-        rospy.on_shutdown(lambda: self._commands.publish(TwistMessage()))
         deadline = time.monotonic() + START_S
         while not (self.readings and self._commands.get_num_connections()):
             if time.monotonic() > deadline:

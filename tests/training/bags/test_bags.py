@@ -871,8 +871,8 @@ class ExactOdometry(KinematicSimulator):
 class RecordedEnv(ApplrEnv):
     """Environment whose drives have all columns."""
 
-    def begin(self, world, seed):
-        return super().begin(world, seed, record=True)
+    def begin(self, world, seed, rules):
+        return super().begin(world, seed, rules, record=True)
 
 
 def driven(path, observation, world, time_limit, **settings):

@@ -48,6 +48,9 @@ FIXED = (
     "init_from",
     "net_arch",
     "layer_norm",
+    # Rewards of one problem are not those of another.
+    "decision_period",
+    *RewardOptions.model_fields,
     *EVALUATION,
 )
 ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that
@@ -80,8 +83,8 @@ class RunOptions(Options):
         "learning curves.")
     resume: bool = option(False,
         "Continue the run in the folder --out with its stored options. Explicit options replace "
-        "the stored ones, but networks, seed, robot, --init-from and the conditions of the "
-        "evaluations cannot change.")
+        "the stored ones, but recipe, robot, observation, networks, seed, --init-from, decision "
+        "period, reward and the conditions of the evaluations cannot change.")
     total_timesteps: int = option(PAPER_STEPS,
         "Total number of transitions to collect, one per decision. The paper used 5 million.",
         ge=0, le=10**9)
@@ -137,8 +140,8 @@ class TaskOptions(DriveSettings):
         "local goal and the robot's parameter space; or dimensionless, relative to its size and "
         "speed (applr_ros1/policy/dimensionless.py).")
     end_on_collision: bool = option(False,
-        "End a training episode at the first collision, as a failure. Evaluations are not "
-        "affected.")
+        "End a training episode at the first collision, as a failure, also with the paper's "
+        "protocol. Evaluations are not affected.")
     end_on_stall: bool = option(False,
         "End a training episode, as a failure, if the robot has moved less than "
         f"{STALL_DISTANCE_M:g} m in {STALL_TIME_S:g} s, at the Jackal's scale. Evaluations are not "

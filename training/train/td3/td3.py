@@ -324,7 +324,7 @@ def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor]) -> None:
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
-        remedy = "give the same --net-arch and --observation"
+        remedy = "give the same --net-arch, --observation and --critics-know-more"
         raise ApplrError(f"its networks differ: {remedy}") from None
 
 
