@@ -37,7 +37,7 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
     Args:
         path: World file.
         points: Course (n, 2) [m]. By default, the course is the one that `sdf_writer` stored in the
-            file, or that of path_files/path_N.npy beside the file.
+            file, that of path_files/path_N.npy beside the file, or that of DynaBARN.
 
     Raises:
         FileError: The file cannot be read or has no course.

@@ -22,7 +22,7 @@ BLOCKED = 2.0  # time for which the planner finds no command before a motion [s]
 TRIED = 0.15  # time after which a blocked motion gives way to the next one [s]
 MOVED = 0.5  # duration of a motion that is not blocked [s]
 PASSED = 1.0  # time of unblocked planner commands after which the robot counts as free [s]
-TRIES = 24  # number of unsuccessful motions after which a recovery is due: each of MOTIONS thrice
+TRIES = 24  # number of the motion, the last one of the third round, that a recovery replaces
 V = 0.1  # speed of the motions [m/s]
 W = 0.4  # turn rate of the motions [rad/s]
 # Turning comes first, because it needs the least room; curves come before straight ways.
@@ -74,7 +74,7 @@ class Escape:
 
     @property
     def is_exhausted(self) -> bool:
-        """True if TRIES motions were unsuccessful and a recovery is due."""
+        """True if a recovery is due in place of another motion."""
         return self._tries >= TRIES
 
     def instead(self, now: float, blocked: bool) -> Optional[Twist]:

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -128,6 +129,14 @@ def test_a_user_defined_controller_and_a_runner_that_fails(checkout, tmp_path):
     assert finished.returncode == 1
     assert "no gazebo here" in (tmp_path / "results" / "logs" / "world_2_trial_0.log").read_text()
     assert "2 of 2 runs have no result" in finished.stderr
+
+
+def test_a_runner_that_has_ended_is_not_waited_for():
+    runner = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
+    began = time.monotonic()
+    barn.end(runner)
+    assert runner.returncode is not None
+    assert time.monotonic() - began < barn.INTERRUPT_S / 2
 
 
 def barn_main(*arguments):

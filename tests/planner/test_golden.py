@@ -1,5 +1,5 @@
-"""Test that the planners match committed results of the C++ planners (golden vectors) to the last
-bit.
+"""Test that the planners match committed results (golden vectors), of C++ or of slow reference
+implementations, to the last bit.
 """
 
 import pytest
@@ -35,7 +35,7 @@ def scenarios():
 @pytest.mark.parametrize(
     ("folder", "kind"), [(folder, kind) for folder in COUNTS for kind in COUNTS[folder]]
 )
-def test_every_number_equals_the_cpp_one(folder, kind, scenarios):
+def test_every_number_equals_the_committed_one(folder, kind, scenarios):
     of_kind = [scenario for scenario in scenarios[folder] if scenario.kind == kind]
     assert len(of_kind) == COUNTS[folder][kind]
     differing = {}

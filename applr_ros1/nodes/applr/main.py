@@ -4,7 +4,7 @@ Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters
 auto), ~robot (name or folder of a description; default: jackal), ~seed (a number; auto, the
 default, draws another one at each start), ~period (decision period [s]; 0 means the method's own),
 ~max_speed ([m/s]; 0 means no limit), ~meter_scoring (auto, true or false: see meter_scoring.py),
-~tf_prefix, and ~move_base (name of the move_base node). Topic: ~set_parameters
+~map, ~tf_prefix, and ~move_base (name of the move_base node). Topic: ~set_parameters
 (applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method
 (applr_ros1/SetMethod). See docs/reference/topics.md.
 """

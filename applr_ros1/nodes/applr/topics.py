@@ -40,7 +40,7 @@ class ApplrTopics:
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
     def heartbeat(self, now: rospy.Time) -> None:
-        """Publish a heartbeat, due every 2 s.
+        """Publish a heartbeat, due as Supervisor.is_beat_due says.
 
         Without it, this package's move_base restores its start-up values.
         """

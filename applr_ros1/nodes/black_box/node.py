@@ -33,7 +33,7 @@ from visualization_msgs.msg import Marker
 
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, run_script
-from applr_ros1.common.ros_node import init_node, status_name, until_shutdown
+from applr_ros1.common.ros_node import command_topic, init_node, status_name, until_shutdown
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.names import Connections, names_beside, names_in
 from applr_ros1.drives.received import TopicSource, received, sources_of
@@ -305,7 +305,7 @@ def names_of(parameters: Dict[str, Any], robot: Robot) -> Tuple[TopicNames, Set[
     usual_names = {
         "scan": ("scan_topic", robot.topics.scan),
         "odometry": ("odom_topic", robot.topics.odometry),
-        "command": ("cmd_vel_topic", robot.topics.cmd_vel),
+        "command": ("cmd_vel_topic", command_topic(robot.topics.cmd_vel)),
         "move_base": ("move_base", "move_base"),
     }
     names = {

@@ -45,7 +45,8 @@ class FrameBroadcaster:
             now: ROS time. A simulated clock is 0 until its first message.
             correction: Pose of the odometry's frame in that of the matched poses.
         """
-        if (now - self._broadcast_time).to_sec() < PERIOD_S:
+        # A wall clock may be set back a little.
+        if 0.0 <= (now - self._broadcast_time).to_sec() < PERIOD_S:
             return
         self._broadcast_time = now
         x, y, yaw = inverse(correction)

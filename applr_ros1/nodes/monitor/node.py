@@ -7,9 +7,9 @@ second. After an exception, the node stops the base and reports the exception on
 ~escape, the node makes small escape motions while move_base is stuck or blocked although a goal is
 active. The node broadcasts the frame of its matched poses (frame_broadcaster.py).
 
-Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of
-further lasers; default: those of the description), ~escape (false), and the fields of
-monitor/settings.py except OF_ROBOT.
+Parameters: ~robot (jackal; name or folder of a description), ~map (its files for a map; false),
+~tf_prefix, ~more_scans (topics of further lasers; default: those of the description), ~escape
+(false), and the fields of monitor/settings.py except OF_ROBOT.
 """
 
 from __future__ import annotations
@@ -178,7 +178,9 @@ class CollisionMonitorNode:
         joystick's, may then drive the base.
         """
         silence = self.monitor.silence
-        if (self._clock.now - self._commanded).to_sec() <= silence and not self._stalled:
+        # A wall clock may be set back a little.
+        since_command = (self._clock.now - self._commanded).to_sec()
+        if 0.0 <= since_command <= silence and not self._stalled:
             return
         if time.monotonic() < self._zero_due:
             return

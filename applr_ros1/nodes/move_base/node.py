@@ -115,7 +115,7 @@ class MoveBaseNode:
         self._max_speed = parameters["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(parameters["applr"]["period"])
         self._command = BaseCommands(command_topic(cmd_vel_topic))
-        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)

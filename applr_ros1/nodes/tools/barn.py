@@ -129,21 +129,23 @@ def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> Non
     except subprocess.TimeoutExpired:
         pass  # The run counts as one without a result.
     finally:
-        end(runner.pid)
+        end(runner)
 
 
 def _log(out: Path, world: int, trial: int) -> Path:
     return out / "logs" / f"world_{world}_trial_{trial}.log"
 
 
-def end(group: int) -> None:
-    """End the remaining processes of a runner, first with an interrupt for roslaunch."""
+def end(runner: "subprocess.Popen[bytes]") -> None:
+    """End a runner and what remains of its group, first with an interrupt for roslaunch."""
+    group = runner.pid
     deadline = time.monotonic() + INTERRUPT_S
     # Signal 0 only asks whether a process of the group still exists.
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGINT)
         while time.monotonic() < deadline:
             time.sleep(0.1)
+            runner.poll()  # A runner that has ended would stay in its group until then.
             os.killpg(group, 0)
         os.killpg(group, signal.SIGKILL)
 

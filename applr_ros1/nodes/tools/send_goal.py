@@ -4,7 +4,8 @@ The move_base is this package's or the C++ one.
 
 Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the course's goal, or
 none), ~world for auto, ~robot (jackal; name or folder of a description), ~tf_prefix of the odometry
-frame, and ~recorder (name of a bag recorder that the goal waits for; none if empty).
+frame, ~wait_for (topics of which the goal waits for a message), and ~recorder (name of a bag
+recorder that the goal waits for; none if empty).
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from applr_ros1.robots import geometry, load
 
 from .bag_recorder import BagRecorder
 
+PATIENCE_S = 60.0  # longest wall time for which the goal waits for a message [s]
+
 
 def course_goal(course: worlds.Course) -> Pose:
     """Return the course's goal (x, y, yaw) in odom.
@@ -34,6 +37,19 @@ def course_goal(course: worlds.Course) -> Pose:
     start_x, start_y, _ = course.start
     goal_x, goal_y, goal_yaw = course.sent_goal
     return goal_x - start_x, goal_y - start_y, goal_yaw
+
+
+def _wait_for(topic: str) -> None:
+    """Wait for a message on a topic, at most PATIENCE_S seconds.
+
+    Until then, the robot would drive without what publishes there.
+    """
+    with announced(f"waiting for {rospy.resolve_name(topic)}", rospy.loginfo, first=10.0):
+        try:
+            rospy.wait_for_message(topic, rospy.AnyMsg, timeout=PATIENCE_S)
+        except rospy.ROSException as problem:
+            if not rospy.is_shutdown():
+                rospy.logwarn("send_goal: %s: the goal is sent all the same", problem)
 
 
 def main() -> None:
@@ -56,6 +72,8 @@ def main() -> None:
     with announced("waiting for the clock to start (use_sim_time is true)", rospy.loginfo):
         while rospy.get_time() == 0.0 and not rospy.is_shutdown():
             time.sleep(0.1)
+    for topic in rospy.get_param("~wait_for", []):
+        _wait_for(topic)
     recorder_name = str(rospy.get_param("~recorder", ""))
     if recorder_name:
         recorder = BagRecorder(recorder_name)

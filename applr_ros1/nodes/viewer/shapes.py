@@ -178,7 +178,8 @@ class DrawnCostmap:
         self._changed = False
         shown_rows = np.flatnonzero(self._cells.any(axis=1))
         shown_columns = np.flatnonzero(self._cells.any(axis=0))
-        if not len(shown_rows):
+        self.handle.visible = len(shown_rows) > 0
+        if not self.handle.visible:
             return
 
         # The window around all cells that are not free
@@ -188,7 +189,6 @@ class DrawnCostmap:
         end_column = shown_columns[-1] + 1
         window = self._cells[first_row:end_row, first_column:end_column]
         resolution = self._info.resolution
-        self.handle.visible = True
         self.handle.image = SHADES[window]
         self.handle.render_width = float((end_column - first_column) * resolution)
         self.handle.render_height = float((end_row - first_row) * resolution)
