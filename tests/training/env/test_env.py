@@ -210,6 +210,26 @@ def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second(peri
     assert info["decisions"] - 1 < time_s / period <= info["decisions"] + 1e-6
 
 
+@pytest.mark.parametrize(
+    ("protocol", "end_on_collision", "ends"),
+    [
+        ("paper", False, False),
+        ("paper", True, True),
+        ("barn-challenge", False, True),
+    ],
+)
+def test_a_contact_ends_an_episode_under_the_challenges_rules_or_if_asked(
+    protocol, end_on_collision, ends
+):
+    from training.env.env import ApplrEnv
+
+    env = ApplrEnv(
+        worlds="generated:7", protocol=protocol, end_on_collision=end_on_collision, period=2.0
+    )
+    env.reset(seed=0)
+    assert env.course_drive.rules.end_on_contact == ends
+
+
 def test_the_decision_period_is_a_multiple_of_the_control_cycle():
     from training.env.env import ApplrEnv
 

@@ -183,6 +183,13 @@ def test_the_frame_of_the_costmaps_is_a_condition_that_a_resumed_run_keeps(tmp_p
     assert not parse(resume).matched
 
 
+@pytest.mark.parametrize("option", ["--decision-period", "--failure-seconds"])
+def test_a_resumed_run_keeps_the_problem_whose_rewards_it_has_stored(option, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path)}))
+    with pytest.raises(ApplrError, match=f"{option[2:]}: the run in .* has another value"):
+        parse(["--resume", "--out", str(tmp_path), option, "0.5"])
+
+
 def test_a_resumed_run_has_its_stored_options(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path), "recipe": "paper"}))
     assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from applr_ros1.common.errors import ApplrError
 from tests.support.runs import NO_EVALUATION, one_line, toy, toy_run
 from training.evaluate.trial import Result, Trial
 from training.train import __main__ as train
@@ -85,6 +86,24 @@ def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(
     assert several.train(parse(["--resume", "--out", str(runs)]), toy_run) == 0
     resumed_checkpoint = json.loads(checkpoint_file.read_text())
     assert resumed_checkpoint["transitions"] == checkpoint["transitions"]
+
+
+def test_worlds_that_judge_a_policy_are_not_for_training(tmp_path):
+    config = parse(
+        ["--seeds", "2", "--out", str(tmp_path), "--worlds", "generated:0,fresh:0-22000"]
+    )
+    # All worlds of the choice, and one of the verdict
+    problem = "--worlds contains fresh:21000, in which the result is judged: leave out 51 such"
+    with pytest.raises(ApplrError, match=problem):
+        several.train(config, None)
+
+
+def test_a_seed_of_several_is_continued_with_the_others(tmp_path):
+    (tmp_path / "seed_2").mkdir()
+    (tmp_path / "seed_2" / "checkpoint.json").write_text("{}")
+    config = parse(["--seeds", "3", "--out", str(tmp_path / "seed_2")])
+    with pytest.raises(ApplrError, match=f"give --resume --out {tmp_path}, which continues all"):
+        several.train(config, None)
 
 
 def test_policies_are_compared_on_this_machine_alone(tmp_path, evaluated):

@@ -35,11 +35,13 @@ from training.why.seen_world import seen_grid, seen_world, write_map
 from training.why.whole_drives import (
     Arrival,
     DriveConditions,
+    DrivenCourse,
     Tried,
     WholeDriveTrials,
     course_in,
     try_out,
 )
+from training.workers.calls import CallLost
 from training.workers.pool import Pool
 from worlds.loading import load
 from worlds.map_reader import is_occupied, read_map
@@ -173,6 +175,14 @@ def test_a_slowest_speed_above_the_fastest_one_is_lowered_below_it():
     lowered = Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04)
     assert Candidate((lowered,)) in file_candidates(with_changes(BURGER, [crossed], "crossed"))
     assert Candidate((lowered,)) not in file_candidates(BURGER)
+
+
+def test_a_change_for_two_reasons_is_one_candidate(replayed, monkeypatch):
+    """Both largest speeds of a DWAPlannerROS may lie below its smallest one."""
+    lowered = Candidate((Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04),))
+    monkeypatch.setattr(remedies, "file_candidates", lambda _: [lowered, MENDED, lowered])
+    chosen = remedies.candidates(replayed, [], JACKAL, policy_decides=False)
+    assert chosen.count(lowered) == chosen.count(MENDED) == 1
 
 
 def in_both(servers, name, before, after):
@@ -358,6 +368,15 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     # The seeds 1 and 2 choose. With the seeds that confirm, it is as slow as the recorded value.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 20.0, 1: 12.0, 2: 12.0}})
     assert trials_of(course, 1.0).remedy is None
+
+
+def test_a_lost_worker_is_no_refusal_of_values():
+    def lost():
+        raise CallLost("its worker died 3 times")
+
+    lossy = DrivenCourse(JACKAL, False, begin=lambda changes, seed, limit: lost)
+    with pytest.raises(ApplrError, match="a drive in simulation was lost: its worker died"):
+        try_out([lossy], [MENDED])
 
 
 def test_a_candidate_that_is_slower_with_one_seed_is_no_remedy(course, monkeypatch):

@@ -320,7 +320,14 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, ca
     assert "crept" in happened
     assert "because there was no scan for" in happened
     assert planner == f"{OTHER_PLANNER}."
-    assert errors == f"{folder / 'why.html'}: not written: a page shows a replay\n"
+    assert errors == "--out is not used: a page shows a replay\n"
+    _, _, errors = ran(capsys, bag_path, "--map", folder / "seen.yaml", "--at", "3")
+    assert errors == (
+        "--map is not used: a map needs a replay\n--at is not used: it explains a replay\n"
+    )
+    status, _, errors = ran(capsys, bag_path, bag_path)
+    assert status == 1
+    assert errors.endswith("ask about one bag, drives are compared by replays\n")
     _, output, _ = ran(capsys, bag_path, "--json")
     values = json.loads(output)
     assert values["reproduced"] == 0.0
