@@ -24,7 +24,7 @@ from applr_ros1.why.reasons import (
     stuck,
     unmoved,
 )
-from applr_ros1.why.recording import Target
+from applr_ros1.why.recording import PursuedGoal
 from applr_ros1.why.replay import Replay, some
 from applr_ros1.why.stretch import Stretch, first_of
 from applr_ros1.why.touch import FirstContact, touch_of
@@ -67,12 +67,12 @@ class Diagnosis:
         return events.longest(self.events)
 
     @property
-    def target(self) -> Optional[Target]:
+    def goal(self) -> Optional[PursuedGoal]:
         """Goal that the robot pursued in the longest event, or its last one; None if unknown."""
         event = self.longest
         # An event may begin before the first route to its goal.
         time = 0.5 * (event.begin + event.end) if event is not None else math.inf
-        return self.replay.recording.target(time)
+        return self.replay.recording.goal_at(time)
 
     @property
     def wants_remedy(self) -> bool:

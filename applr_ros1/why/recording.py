@@ -26,7 +26,7 @@ class Replayable(NamedTuple):
     plans: Plans
 
 
-class Target(NamedTuple):
+class PursuedGoal(NamedTuple):
     """Goal that a robot pursued.
 
     Attributes:
@@ -104,7 +104,7 @@ class Recording:
             sensor_height=self.robot.laser.height,
         )
 
-    def target(self, time: float) -> Optional[Target]:
+    def goal_at(self, time: float) -> Optional[PursuedGoal]:
         """Return the goal that the robot pursued at a time [s], or None if it is unknown.
 
         An application may send a goal again and again: goals at one place are one.
@@ -120,9 +120,9 @@ class Recording:
         number = int(np.searchsorted(first_rows, current_row, side="right")) - 1
         begin = times[first_rows[number]] if number > 0 else -np.inf
         if number + 1 == len(first_rows):
-            return Target(poses[-1], begin, np.inf)
+            return PursuedGoal(poses[-1], begin, np.inf)
         next_row = first_rows[number + 1]
-        return Target(poses[next_row - 1], begin, times[next_row])
+        return PursuedGoal(poses[next_row - 1], begin, times[next_row])
 
     def _goals(self) -> Tuple[List[float], List[Pose]]:
         """Return times [s] and goals: ends of routes, or what was sent, or the end of a plan."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 # Names of files and folders in the folder of a table
 TRIALS = "trials.csv"
 SETTINGS = "evaluation.json"
+OLDER = {"matched": False}  # settings of versions that did not write them
 TRACES = "traces"
 # Types of the columns: those that identify a trial, then those of its result
 COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}
@@ -97,11 +98,9 @@ class TrialTable:
             write_json(settings_file, settings)
         with reading(settings_file):
             self.notes: Dict[str, Any] = dict(read_json(settings_file))
-        # Evaluations of older versions drove in the odometry's frame.
-        self.notes.setdefault("matched", False)
         # As JSON, because a tuple would differ from the list that was read.
         for setting, value in json.loads(json.dumps(settings)).items():
-            if value != self.notes.get(setting):
+            if value != self.notes.get(setting, OLDER.get(setting)):
                 remedy = f"give another --out, or the same {setting}"
                 raise ApplrError(f"{self.folder} has another {setting}: {remedy}")
         self._lock = Lock(self.folder, "evaluate.py")

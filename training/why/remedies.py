@@ -72,8 +72,8 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     replay = diagnosis.replay
     drive = replay.drive
     longest_event = diagnosis.longest
-    target = diagnosis.target
-    if longest_event is None or target is None or not diagnosis.wants_remedy:
+    goal = diagnosis.goal
+    if longest_event is None or goal is None or not diagnosis.wants_remedy:
         return None
     # No parameter helps a robot that stops for a part of itself, and a moment is no event.
     if diagnosis.part is not None or longest_event.kind == ASKED:
@@ -91,7 +91,7 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
 
     # From where the robot was sent to its goal
     odometry = replay.recording.odometry
-    is_in_time = (odometry.time >= target.begin) & (odometry.time <= target.end)
+    is_in_time = (odometry.time >= goal.begin) & (odometry.time <= goal.end)
     course_rows = np.flatnonzero(events.pursued(drive, odometry) & is_in_time)
     if not len(course_rows):
         return None
@@ -100,13 +100,13 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     x, y, yaw = odometry.pose[first_row].tolist()
     seconds = float(odometry.time[last_row] - odometry.time[first_row])
     # A drive that ended on its way does not tell how long the whole way takes.
-    dx, dy = odometry.pose[last_row, :2] - target.pose[:2]
+    dx, dy = odometry.pose[last_row, :2] - goal.pose[:2]
     if np.hypot(dx, dy) > ARRIVED_M * replay.robot.world_scale:
         seconds = np.inf
-    straight_m = float(np.hypot(target.pose[0] - x, target.pose[1] - y))
+    straight_m = float(np.hypot(goal.pose[0] - x, goal.pose[1] - y))
     conditions = DriveConditions(
         robot=robot,
-        world=seen_world(seen_grid(replay.recording), drive.name, (x, y, yaw), target.pose),
+        world=seen_world(seen_grid(replay.recording), drive.name, (x, y, yaw), goal.pose),
         has_monitor=drive.planned is not drive.commands,
         limit=limit_of(seconds, straight_m / replay.top_speed),
         ends_at_tolerance=longest_event.kind != AT_GOAL,

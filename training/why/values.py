@@ -38,7 +38,7 @@ def values_of(answer: Answer) -> Dict[str, Any]:
     event_values = []
     for event, explained in zip(diagnosis.events, diagnosis.explained):
         event_values.append(_event_values(event, explained))
-    target = diagnosis.target
+    goal = diagnosis.goal
     plan = _first_plan(replay.drive)
     return {
         "name": replay.drive.name,
@@ -56,7 +56,7 @@ def values_of(answer: Answer) -> Dict[str, Any]:
         "track": thinned(track),
         "top_speed": replay.top_speed,
         "plan": plan[:, :2].round(2).tolist(),
-        "goal": target.pose[:2] if target is not None else None,
+        "goal": goal.pose[:2] if goal is not None else None,
         "footprint": replay.planner.footprint(replay.settings).round(3).tolist(),
     }
 

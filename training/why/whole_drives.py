@@ -350,14 +350,14 @@ def _drive(
     for candidate, arrival_of in drives_begun:
         try:
             arrival = arrival_of()
-        except CallLost as lost:
-            raise ApplrError(f"a drive in simulation was lost: {lost}") from None
-        except CallFailed:
+        except CallFailed as failure:
             # Values may contradict each other, such as a footprint without an area.
             if candidate is None:
-                raise ApplrError("the recorded values cannot be driven in simulation") from None
+                problem = "the recorded values cannot be driven in simulation"
+                raise ApplrError(f"{problem}: {failure}") from None
             drives.pop(candidate, None)
-            _LOGGER.info("%s: left out, move_base refuses it", candidate)
+            reason = "its worker died" if isinstance(failure, CallLost) else "move_base refuses it"
+            _LOGGER.info("%s: left out, %s", candidate, reason)
         else:
             driven = candidate or "the recorded values"
             _LOGGER.info("%s: %.1f s%s", driven, arrival.seconds, _end_of(arrival))

@@ -223,7 +223,9 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
     # In the environment, whose drawn seed is replaced by that of the trial
     env = ApplrEnv(worlds=world, **options)
     begin = env.begin
-    monkeypatch.setattr(env, "begin", lambda world, drawn_seed: begin(world, task.seed))
+    monkeypatch.setattr(
+        env, "begin", lambda world, drawn_seed, rules: begin(world, task.seed, rules)
+    )
     observation, _ = env.reset()
     rewards = []
     for _ in range(6):

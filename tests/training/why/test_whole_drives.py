@@ -370,12 +370,13 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     assert trials_of(course, 1.0).remedy is None
 
 
-def test_a_lost_worker_is_no_refusal_of_values():
+def test_it_is_said_why_the_recorded_values_cannot_be_driven():
     def lost():
         raise CallLost("its worker died 3 times")
 
     lossy = DrivenCourse(JACKAL, False, begin=lambda changes, seed, limit: lost)
-    with pytest.raises(ApplrError, match="a drive in simulation was lost: its worker died"):
+    problem = "the recorded values cannot be driven in simulation: its worker died 3 times"
+    with pytest.raises(ApplrError, match=problem):
         try_out([lossy], [MENDED])
 
 
@@ -585,7 +586,7 @@ def test_a_doubtful_replay_is_called_so(replayed):
 
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
     drive, world = door
-    assert Recording.of(drive, JACKAL).target(math.inf).pose == pytest.approx(world.course.goal)
+    assert Recording.of(drive, JACKAL).goal_at(math.inf).pose == pytest.approx(world.course.goal)
 
 
 @pytest.mark.parametrize("columns", ["routes", "sent"])
@@ -603,9 +604,9 @@ def test_of_several_goals_the_one_of_the_event_counts_and_one_sent_again_is_one(
         sent = [SentGoal(time, goal, drive.frame) for time, goal in zip(times, goals)]
         recording = Recording.of(replace(drive, routes=None, sent=sent), JACKAL)
 
-    assert recording.target(-1.0) == recording.target(3.9) == (there, -math.inf, 4.0)
-    assert recording.target(4.0) == recording.target(6.9) == (here, 4.0, 7.0)
-    assert recording.target(7.0) == recording.target(math.inf) == (there, 7.0, math.inf)
+    assert recording.goal_at(-1.0) == recording.goal_at(3.9) == (there, -math.inf, 4.0)
+    assert recording.goal_at(4.0) == recording.goal_at(6.9) == (here, 4.0, 7.0)
+    assert recording.goal_at(7.0) == recording.goal_at(math.inf) == (there, 7.0, math.inf)
 
 
 def test_of_a_drive_with_several_goals_the_course_to_the_one_of_the_event_is_driven(replayed):
@@ -642,17 +643,17 @@ def test_the_end_of_a_followed_part_far_from_the_robot_is_no_goal(door):
     without_routes = replace(drive, routes=None, sent=[])
     far_plan = drive.plans.path[-1] + (0.0, 5.0, 0.0)
     far_away = replace(without_routes, plans=Plans(drive.plans.time[-1:], [far_plan]))
-    assert Recording.of(far_away, JACKAL).target(math.inf) is None
+    assert Recording.of(far_away, JACKAL).goal_at(math.inf) is None
 
     x, y, _ = drive.odometry.pose[-1]
     near_plan = np.array([(x, y + 1.0, 0.5)])
     near = replace(without_routes, plans=Plans(drive.plans.time[-1:], [near_plan]))
-    assert Recording.of(near, JACKAL).target(math.inf).pose == pytest.approx((x, y + 1.0, 0.5))
+    assert Recording.of(near, JACKAL).goal_at(math.inf).pose == pytest.approx((x, y + 1.0, 0.5))
 
     in_map = SentGoal(0.0, (1.0, 2.0, 0.0), "map")
     in_odometry = SentGoal(0.0, (3.0, 4.0, 0.0), drive.frame)
     sent = replace(far_away, sent=[in_odometry, in_map])
-    assert Recording.of(sent, JACKAL).target(math.inf).pose == (3.0, 4.0, 0.0)
+    assert Recording.of(sent, JACKAL).goal_at(math.inf).pose == (3.0, 4.0, 0.0)
 
 
 def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_about(
