@@ -206,6 +206,15 @@ def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
     assert table_rows[0]["success"] is False
 
 
+def test_an_evaluation_of_an_older_version_drove_in_the_frame_of_the_odometry(tmp_path):
+    with TrialTable(tmp_path, {"seed": 0}):
+        pass
+    with TrialTable(tmp_path, {"seed": 0, "matched": False}):
+        pass
+    with pytest.raises(ApplrError, match="another matched"):
+        TrialTable(tmp_path, {"seed": 0, "matched": True})
+
+
 def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
     first_task, second_task = plan
