@@ -207,6 +207,21 @@ def test_static_tracks_correct_the_pose():
     assert fan["yaw"] == pytest.approx(0.62)
 
 
+def test_tracks_on_one_side_correct_the_pose():
+    """A turn then shifts all of them to one side, as a shift does."""
+    fan = record(FAN, x=5.0, y=-3.0, yaw=0.6)
+    error = Correction(dx=0.02, dy=-0.03, turn=0.02)
+    rng = np.random.default_rng(0)
+    places = (8.0, -1.0) + rng.uniform(-1.0, 1.0, (8, 2))
+    voters = np.zeros(8, VOTER)
+    voters["x"], voters["y"] = places.T
+    voters["variance"] = 1e-6
+    voters["cluster"] = np.arange(8)
+    clusters_seen = seen_from(fan, error, places)
+    clusters_seen["sigma"] = 0.001
+    np.testing.assert_allclose(slip(voters, clusters_seen, fan), error, atol=0.002)
+
+
 @pytest.mark.parametrize(
     ("track_fields", "cluster_fields", "corrects"),
     [

@@ -10,6 +10,7 @@ from applr_ros1 import robots
 from applr_ros1.robots.check import fields
 from applr_ros1.robots.geometry import GRAVITY, balance, supports
 
+JACKAL = robots.JACKAL
 BURGER = robots.load("turtlebot3_burger")
 WAFFLE = robots.load("turtlebot3_waffle_pi")
 # Casters of many round bases: two ahead of the axle and two behind it
@@ -95,6 +96,15 @@ def test_loads_balance_the_weight_and_nothing_pulls_if_the_mass_is_near_the_midd
         assert loads @ contact_x == pytest.approx(mass * GRAVITY * com[0])
         assert loads @ contact_y == pytest.approx(mass * GRAVITY * com[1])
         assert loads.min() >= 0.0
+
+
+def test_loads_of_four_wheels_balance_a_mass_beside_the_middle():
+    body = JACKAL.body.model_copy(update={"com": (0.03, -0.04, 0.1)})
+    mass, com, loads = balance(replace(JACKAL, body=body))
+    contact_x, contact_y = supports(JACKAL.base).T
+    assert loads.sum() == pytest.approx(mass * GRAVITY)
+    assert loads @ contact_x == pytest.approx(mass * GRAVITY * com[0])
+    assert loads @ contact_y == pytest.approx(mass * GRAVITY * com[1])
 
 
 def test_a_small_lean_to_the_side_lifts_no_caster():

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import worlds
+from tests.support.refusals import refused
 from tests.support.scenes import as_barn, box, cylinder, model, refused_world, sdf, write_world
-from worlds import barn, sdf_writer
+from worlds import barn, course_files, sdf_writer
 
 
 def world_of(folder, body):
@@ -228,6 +229,14 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
         [30.0, 3.0],
         [60.0, 2.0],
     ]
+
+
+def test_the_length_of_a_course_is_the_distance_of_its_ends():
+    course = course_files.along(np.array([(0.0, 0.0), (0.2, 0.0), (5.0, 0.0)]))
+    assert course.goal == (5.0, 0.0, 0.0)
+    # A robot at its start would be at its goal.
+    round_course = np.array([(0.0, 0.0), (5.0, 0.0), (0.2, 0.0)])
+    refused(lambda: course_files.along(round_course), "the course has no length")
 
 
 def test_a_world_of_stage_is_refused(tmp_path):

@@ -100,6 +100,25 @@ def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
     assert costly_result.cost == pytest.approx(free_result.cost + 100 * PARAMS["occdist_scale"])
 
 
+def test_heading_scoring_samples_by_time_whatever_the_speed():
+    for vx in (0.0, 0.1, 2.0):
+        planner = make_planner(heading_scoring=True, sim_time=1.5, sim_granularity=0.04)
+        assert scoring.step_count(planner.in_force, Velocity(vx, 0.0, 1.0)) == 38
+    # By distance, a turn on the spot needs as many steps as its granularity asks.
+    planner = make_planner(sim_time=1.5, sim_granularity=0.04)
+    assert scoring.step_count(planner.in_force, Velocity(2.0, 0.0, 0.0)) == 75
+
+
+@pytest.mark.parametrize(("cost", "is_legal"), [(252, True), (253, False)])
+def test_of_a_footprint_without_an_area_the_cell_under_the_centre_counts(cost, is_legal):
+    planner = TrajectoryPlanner(np.zeros((0, 2)), PARAMS, meter_scoring=True)
+    planner.set_plan(np.array(PLAN))
+    costmap = open_map()
+    costmap.cells[:] = cost
+    # Without a legal way ahead, the planner backs out.
+    assert (planner.find_best_path(costmap, ORIGIN, DRIVING).vx > 0.0) == is_legal
+
+
 def test_a_map_of_another_size_is_adopted():
     planner = make_planner()
     first_result = planner.find_best_path(open_map(), ORIGIN, DRIVING)
