@@ -513,17 +513,29 @@ def test_randomised_values_stay_within_their_bounds():
     assert 1.2 < max(frictions) <= 1.5
 
 
-def test_a_drawn_friction_scales_the_acceleration_of_the_tyres():
-    for factor in (0.5, 1.0):
-        simulator = sim_bridge.make(
-            "kinematic", ground=0.0, slip=0.0, odometry=0.0, friction=factor
-        )
-        simulator.reset(OPEN, 0)
-        simulator.command(1.0, 0.0)
-        simulator.advance(0.05)
-        acceleration, _ = simulator.advance(0.05).imu
-        # The friction limits it to half of that of gravity.
-        assert acceleration == pytest.approx(4.9 * factor, rel=0.05)
+def acceleration(ground, friction):
+    """Return the acceleration [m/s^2] of a Jackal that starts on a ground, limited by friction."""
+    simulator = sim_bridge.make(
+        "kinematic", ground=ground, slip=0.0, odometry=0.0, friction=friction
+    )
+    simulator.reset(OPEN, 0)
+    simulator.command(1.0, 0.0)
+    simulator.advance(0.05)
+    forward, _ = simulator.advance(0.05).imu
+    return forward
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_a_drawn_friction_scales_the_acceleration_of_the_tyres(factor):
+    # The friction limits it to half of that of gravity.
+    assert acceleration(0.0, factor) == pytest.approx(4.9 * factor, rel=0.05)
+
+
+@pytest.mark.parametrize("ground", [0.25, 0.75])
+def test_a_ground_between_two_has_its_share_of_the_force_of_each(ground):
+    plain, gazebos = acceleration(0.0, 1.0), acceleration(1.0, 1.0)
+    expected = (1.0 - ground) * plain + ground * gazebos
+    assert acceleration(ground, 1.0) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize(
