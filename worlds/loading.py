@@ -149,9 +149,7 @@ class Worlds(Sequence[World]):
     """
 
     def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
-        self.specs: List[str] = []
-        for listed_spec in spec.split(","):
-            self.specs += specs(listed_spec.strip(), radius)
+        self.specs = listed_specs(spec, radius)
         self._loaded: Dict[str, World] = {}
         for world_spec in self.specs:
             if not world_spec.startswith(MADE):
@@ -169,6 +167,18 @@ class Worlds(Sequence[World]):
         if world_spec in self._loaded:
             return self._loaded[world_spec]
         return self._made(world_spec)
+
+
+def listed_specs(text: str, radius: float = RADIUS_M) -> List[str]:
+    """Return the specifications of the single worlds of a list separated by commas.
+
+    Raises:
+        ApplrError: As specs().
+    """
+    listed = []
+    for listed_spec in text.split(","):
+        listed += specs(listed_spec.strip(), radius)
+    return listed
 
 
 def specs(spec: str, radius: float = RADIUS_M) -> List[str]:

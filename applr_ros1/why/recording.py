@@ -114,15 +114,14 @@ class Recording:
             return None
         next_goal_m = NEXT_GOAL_M * self.robot.world_scale
         steps = step_lengths(np.array(poses))
-        first_rows = [0, *(np.flatnonzero(steps > next_goal_m) + 1).tolist()]
+        later_rows = (np.flatnonzero(steps > next_goal_m) + 1).tolist()
         # The first route comes a moment after the goal.
         current_row = max(int(np.searchsorted(times, time, side="right")) - 1, 0)
-        number = int(np.searchsorted(first_rows, current_row, side="right")) - 1
-        begin = times[first_rows[number]] if number > 0 else -np.inf
-        if number + 1 == len(first_rows):
-            return PursuedGoal(poses[-1], begin, np.inf)
-        next_row = first_rows[number + 1]
-        return PursuedGoal(poses[next_row - 1], begin, times[next_row])
+        number = int(np.searchsorted(later_rows, current_row, side="right"))
+        # Goal `number` is pursued from one change of the goal to the next one.
+        changes = [-np.inf, *(times[row] for row in later_rows), np.inf]
+        last_rows = [*(row - 1 for row in later_rows), -1]
+        return PursuedGoal(poses[last_rows[number]], changes[number], changes[number + 1])
 
     def _goals(self) -> Tuple[List[float], List[Pose]]:
         """Return times [s] and goals: ends of routes, or what was sent, or the end of a plan."""

@@ -74,13 +74,12 @@ def world_list(text: str, protocol: str, robot: Robot) -> List[TrialWorld]:
         ApplrError: A world cannot be loaded, or two have the same name.
     """
     listed: Dict[str, TrialWorld] = {}
-    for part in text.split(","):
-        for specification in worlds_package.specs(part.strip(), radius(robot)):
-            world = at_scale(protocol, specification, robot)
-            if world.name in listed:
-                problem = f"two worlds have the name {world.name!r}"
-                raise ApplrError(f"{problem}: evaluate one at a time, or rename a file")
-            listed[world.name] = TrialWorld(world.name, specification, world)
+    for specification in worlds_package.listed_specs(text, radius(robot)):
+        world = at_scale(protocol, specification, robot)
+        if world.name in listed:
+            problem = f"two worlds have the name {world.name!r}"
+            raise ApplrError(f"{problem}: evaluate one at a time, or rename a file")
+        listed[world.name] = TrialWorld(world.name, specification, world)
     return list(listed.values())
 
 

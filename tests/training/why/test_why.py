@@ -418,6 +418,8 @@ def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, c
     [
         (["none.bag"], "none.bag: there is no such file"),
         (["BAG", "--at", "500"], "--at 500: outside the drive, give "),
+        # The image of the map has this name.
+        (["BAG", "--map", "seen.pgm"], "--map seen.pgm: give a file that ends in .yaml"),
         (["BAG", "--robot", "nobody"], "nobody"),
     ],
 )

@@ -13,10 +13,10 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Sequence
 
-import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_json
 from applr_ros1.policy import methods
+from applr_ros1.robots.geometry import radius
 from training.evaluate.evaluation import EvaluationOptions, evaluate
 from training.evaluate.runner import check_unseen
 from training.evaluate.score import mean_scores
@@ -24,6 +24,7 @@ from training.evaluate.trial import BASELINE
 from training.evaluate.verdict import POLICY, SET, paired_trials, verdict
 from training.train.learner.config import TrainConfig
 from training.train.learner.learner import CHECKPOINT
+from worlds import listed_specs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +53,9 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     if (out_folder / CHECKPOINT).exists():
         remedy = f"give --resume --out {out_folder.parent}, which continues all seeds"
         raise ApplrError(f"{out_folder} is the run of one of several seeds: {remedy}")
-    check_unseen(_specifications(config.worlds), _specifications(f"{CHOICE},{VERDICT}"))
+    check_unseen(
+        listed_specs(config.worlds, radius(config.robot)), listed_specs(f"{CHOICE},{VERDICT}")
+    )
     write_json(out_folder / "config.json", config.model_dump(exclude={"resume"}))
     policies = []
     for seed in range(config.seed, config.seed + config.seeds):
@@ -72,14 +75,6 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
         policies.append(run_folder / policy_file)
     print("\n".join(choose(config, out_folder, policies)))
     return 0
-
-
-def _specifications(worlds: str) -> List[str]:
-    """Return the specifications of the single worlds of a comma-separated list."""
-    listed = []
-    for part in worlds.split(","):
-        listed += worlds_package.specs(part.strip())
-    return listed
 
 
 def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str]:
