@@ -93,7 +93,10 @@ print([name for name, count in after.items() if count != before.get(name)])
 """
 
 
-@pytest.mark.parametrize("robot", ["jackal", "turtlebot3_waffle_pi"])  # one for each local planner
+# one robot for each local planner
+@pytest.mark.parametrize(
+    "robot", ["jackal", pytest.param("turtlebot3_waffle_pi", marks=pytest.mark.slow)]
+)
 def test_after_the_setup_a_drive_compiles_nothing(robot):
     """The first drive would otherwise stand still for each kernel that it needs, .4 s and more."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -188,7 +191,7 @@ def test_threads_that_call_a_kernel_first_together_make_one_dispatcher(monkeypat
 
 
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):
-    processes = [start("code") for _ in range(4)]
+    processes = [start("code") for _ in range(2)]
     for process in processes:
         assert result(process)[:2] == [6, 6.5]
     assert result(start("code")) == [6, 6.5, 0]

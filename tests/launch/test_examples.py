@@ -31,7 +31,7 @@ def test_the_page_lists_all_examples():
     assert re.findall(r"^\| `(\w+)` \|", readme, re.MULTILINE) == EXAMPLES
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_foreign_learner(tmp_path, monkeypatch, capsys):
     program = str(ROOT / "examples" / "01_foreign_learner" / "run.py")
     monkeypatch.chdir(tmp_path)

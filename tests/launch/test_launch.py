@@ -322,6 +322,7 @@ def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
 
 
 @pytest.mark.fault("23")
+@pytest.mark.slow
 def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
     """All processes end within five seconds, without the time for which they wait for a
     processor.

@@ -122,6 +122,7 @@ def test_a_stop_is_answered_and_written(tmp_path):
     move_base.end()
 
 
+@pytest.mark.slow
 def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path):
     """Beside a move_base that behaves as the C++ one."""
     ros = session()
@@ -147,6 +148,7 @@ def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path)
     move_base.end()
 
 
+@pytest.mark.slow
 def test_beside_another_local_planner_what_is_seen_from_outside_is_said(tmp_path):
     ros = session()
     jackal = FakeJackal(POSTS)

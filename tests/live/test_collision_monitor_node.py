@@ -180,7 +180,15 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
     drive(stack, 0.3)
 
 
-@pytest.mark.parametrize("interrupted", [("guard", "node"), ("guard",), ("node",)], ids=str)
+@pytest.mark.parametrize(
+    "interrupted",
+    [
+        ("guard", "node"),
+        pytest.param(("guard",), marks=pytest.mark.slow),
+        pytest.param(("node",), marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
 def test_the_last_commands_of_an_interrupted_monitor_are_zeros(stack, interrupted):
     """roslaunch interrupts both processes at once. The planner goes on with its commands."""
     jackal = stack.jackal

@@ -37,7 +37,9 @@ SENT_TOPICS = {
 }
 
 
-@pytest.mark.parametrize("times", [1, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "times", [pytest.param(1, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.long)]
+)
 def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(times):
     ros = session()
     rospy.set_param("/use_sim_time", True)

@@ -97,7 +97,9 @@ class Watched:
 
 
 @pytest.mark.fault("17c")
-@pytest.mark.parametrize("escape", [True, False], ids=["with", "without"])
+@pytest.mark.parametrize(
+    "escape", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["with", "without"]
+)
 def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor
     stops the robot.
@@ -221,8 +223,14 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
 
 @pytest.mark.parametrize(
     "change",
-    [{"status": CANCELLED}, {"status": None}, {"left": 0.2}, {"left": None}, {"goal": "changes"}],
-    ids=["cancelled", "move_base gone", "arrived", "no plan", "other goals"],
+    [
+        {"status": CANCELLED},
+        {"left": None},
+        pytest.param({"status": None}, marks=pytest.mark.slow),
+        pytest.param({"left": 0.2}, marks=pytest.mark.slow),
+        pytest.param({"goal": "changes"}, marks=pytest.mark.slow),
+    ],
+    ids=["cancelled", "no plan", "move_base gone", "arrived", "other goals"],
 )
 def test_an_escape_motion_ends_with_its_cause(stack, change):
     """The monitor also makes escape motions while no commands arrive, for example during

@@ -201,7 +201,10 @@ SCENES = (
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("robot_name", ROBOTS)
+@pytest.mark.parametrize(
+    "robot_name",
+    ["jackal", "turtlebot3_waffle_pi", pytest.param("husky", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_base_rests_before_it_is_touched(scene, robot_name):
     robot = ROBOTS[robot_name]

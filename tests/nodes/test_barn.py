@@ -95,7 +95,8 @@ class RunResult(NamedTuple):
     metric: str
 
 
-@pytest.mark.parametrize("world", [2, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("world", [2, 300])
 def test_runs_the_runner_in_a_world(checkout, tmp_path, world):
     results_folder = tmp_path / "results"
     controller = ROOT / "applr_ros1" / "launch" / "barn_controller.launch"

@@ -141,6 +141,7 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
     assert (planner.local_costmap.cells == LETHAL).any()
 
 
+@pytest.mark.slow
 def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     # Given: a tuned set, and a policy that was trained a little
     run_folder = tmp_path / "run"

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -65,9 +66,15 @@ ROOMS = {  # regions of a plan in which there are courses
 }
 
 
+@lru_cache(maxsize=None)
+def worlds_of(path, robot_radius=JACKAL_RADIUS_M):
+    """Return the worlds of a map."""
+    return tuple(worlds.Worlds(path, robot_radius))
+
+
 def courses_of(path, robot_radius=JACKAL_RADIUS_M):
     """Return the courses of the worlds of a map."""
-    return [world.course for world in worlds.Worlds(path, robot_radius)]
+    return [world.course for world in worlds_of(path, robot_radius)]
 
 
 def points_of(path):
@@ -279,7 +286,7 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
 @pytest.mark.heavy
 def test_courses_keep_their_distances(plan):
     name, path = plan
-    map_worlds = list(worlds.Worlds(path, JACKAL_RADIUS_M))
+    map_worlds = worlds_of(path)
     for number, world in enumerate(map_worlds):
         assert world.name == f"{name}.yaml:{number}"
     starts = np.array([world.course.start[:2] for world in map_worlds])
@@ -379,8 +386,8 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     (tmp_path / "known").mkdir()
     known_path = scenes.write_plan(tmp_path / "known", "house")
     both_worlds = zip(
-        worlds.Worlds(path, JACKAL_RADIUS_M),
-        worlds.Worlds(known_path, JACKAL_RADIUS_M),
+        worlds_of(path),
+        worlds_of(known_path),
         strict=True,
     )
     margin_m = 100 * scenes.RESOLUTION

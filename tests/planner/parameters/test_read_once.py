@@ -175,7 +175,7 @@ def other(parameter, value):
     return moved if parameter.min <= moved <= parameter.max else value - 1
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNERS)
 def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name):
     robot = robots.load(name)

@@ -199,7 +199,7 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     assert len(contexts.find([drive], JACKAL, most=0).names) == 3
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_search_finds_the_speed_of_a_demonstration(bag):
     """Commands that the planner gave with other parameters are matched, exactly if these parameters
     are used.

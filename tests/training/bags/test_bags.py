@@ -939,7 +939,10 @@ def assert_same(rebuilt, expected):
 @pytest.mark.heavy
 @pytest.mark.parametrize(
     ("observation", "world", "limit"),
-    [("paper", "generated:2", 100.0), ("dimensionless", "dynamic:406", 9.0)],
+    [
+        ("paper", "generated:2", 100.0),
+        pytest.param("dimensionless", "dynamic:406", 9.0, marks=pytest.mark.slow),
+    ],
 )
 def test_a_recorded_drive_equals_the_environments_transitions(
     tmp_path, bag_path, observation, world, limit

@@ -207,7 +207,7 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     assert planner_values["max_vel_trans"] == 0.11
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_the_remedy(capsys):
     """By default, the Husky does not pass a door that is .3 m wider than its footprint."""
     # A remark leaves the check successful: an included robot must pass it.
@@ -256,7 +256,7 @@ def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed
     assert "wrong" not in error
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_parameter_is_proposed_in_addition_to_a_known_fault_that_explains_only_a_part(
     monkeypatch,
 ):

@@ -1,6 +1,7 @@
 """Test of a run that starts from the file of a dimensionless policy."""
 
 import numpy as np
+import pytest
 
 from applr_ros1 import robots
 from applr_ros1.policy.actor import load, save
@@ -14,6 +15,7 @@ SHORT = ["--total-timesteps", "12", "--batch-size", "8", "--utd-ratio", "1"]
 WORLDS = ["--worlds", "generated:7,dynamic:100"]
 
 
+@pytest.mark.slow
 def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     run = tmp_path / "jackal"
     other_run = tmp_path / "husky"

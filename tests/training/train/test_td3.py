@@ -121,7 +121,10 @@ def _sb3_update(model, batch, seed):
 @pytest.mark.heavy
 @pytest.mark.parametrize(
     ("n", "m", "hidden", "size", "double"),
-    [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)],
+    [
+        (30, 4, (96, 80), 64, False),
+        pytest.param(729, 8, (512, 512, 512), 256, True, marks=pytest.mark.slow),
+    ],
 )
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
     """The paper's size needs double precision, because rounding dominates Adam's first steps."""

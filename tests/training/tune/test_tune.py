@@ -171,6 +171,7 @@ def tune(folder, runner, *more):
     return tune_robot.main([str(folder), "--out", output, "--minutes", "6", *more, *FEW])
 
 
+@pytest.mark.slow
 def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
     office = scenes.write_plan(tmp_path, "office")
     arguments = f"{jackal} --out {tmp_path}/out --minutes 6 --workers 0 --worlds {office}"

@@ -120,7 +120,7 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
     assert {"acc_lim_theta", "sim_time", "footprint_padding"} <= tried_names
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_dead_end_that_the_policy_entered_unseen_is_left_out_with_the_range_it_was_made_for(
     recorded, monkeypatch
 ):

@@ -393,7 +393,7 @@ def box_bag(path, robot, drive, is_known):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("is_known", [True, False])
+@pytest.mark.parametrize("is_known", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, capsys, is_known):
     # Its parameters are those of no folder.
     robot, driven = spoilt

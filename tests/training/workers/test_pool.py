@@ -221,6 +221,7 @@ ray.shutdown()
 
 
 @pytest.mark.fault("20b")
+@pytest.mark.slow
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
     finished = subprocess.run(

@@ -171,6 +171,7 @@ def test_messages_without_a_description_are_refused(spoilt, tmp_path):
         list(answers_of(messages, RobotStop("stood", 2.0, 8.0, (0.0, 0.0)), deserialize))
 
 
+@pytest.mark.slow
 def test_the_unit_of_the_distance_biases_is_that_of_the_running_move_base(spoilt, tmp_path):
     robot, drive = spoilt
     *_, answer_by_cells = answers(tmp_path / "cells.bag", robot, drive)
