@@ -37,7 +37,8 @@ from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import command_topic, init_node, until_shutdown
-from applr_ros1.robots import geometry, load
+from applr_ros1.robots import load
+from applr_ros1.robots.robot_world import world_of
 
 from . import make
 from .ros_topics import BridgeTopics
@@ -68,9 +69,7 @@ class Bridge:
         self.base_time = BASE_TIME_S
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
-        self.scale = robot.world_scale
-        self.radius = geometry.radius(robot)
-        world = self._load(str(rospy.get_param("~world", "generated:0")))
+        world = world_of(str(rospy.get_param("~world", "generated:0")), robot)
         self.simulator = make(simulator_name, robot)
         start_text = str(rospy.get_param("~start", ""))
         self.start = pose("start", start_text) if start_text else None
@@ -128,10 +127,6 @@ class Bridge:
             rospy.Subscriber(topic, TwistMessage, self.on_command, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
-
-    def _load(self, spec: str) -> worlds.World:
-        """Load a world at the robot's scale."""
-        return worlds.scaled(worlds.load(spec, self.radius), self.scale)
 
     def stamp(self) -> rospy.Time:
         """Return the ROS time of the simulator's current state."""
@@ -244,7 +239,7 @@ class Bridge:
     def on_load_world(self, _: Any) -> TriggerResponse:
         """Handle the service ~load_world: change to the world named by the parameter ~world."""
         try:
-            world = self._load(str(rospy.get_param("~world", "")))
+            world = world_of(str(rospy.get_param("~world", "")), self.simulator.robot)
         except ApplrError as error:
             rospy.logerr(
                 "sim_bridge: no new world, keeping %s: %s", self.simulator.world.name, error

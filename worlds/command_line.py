@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 
 from applr_ros1 import robots
-from applr_ros1.robots.geometry import radius
+from applr_ros1.robots.robot_world import world_of
 
-from .loading import SPECIFICATIONS, load, scaled
+from .loading import SPECIFICATIONS
 from .world import World
 
 
@@ -27,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def world_of(name: str, robot_name: str) -> World:
-    """Return a world as a robot drives it. Raise ApplrError if one of them cannot be read."""
-    robot = robots.load(robot_name)
-    return scaled(load(name, radius(robot)), robot.world_scale)
+def named_world(arguments: argparse.Namespace) -> World:
+    """Return the world of these arguments. Raise ApplrError if it or its robot cannot be read."""
+    return world_of(arguments.world, robots.load(arguments.robot))

@@ -80,7 +80,7 @@ def main() -> int:
     def picture() -> None:
         from matplotlib.figure import Figure
 
-        world = command_line.world_of(arguments.world, arguments.robot)
+        world = command_line.named_world(arguments)
         figure = Figure(figsize=(6, 9))
         axes = figure.add_subplot()
         draw(axes, world)

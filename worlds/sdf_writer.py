@@ -129,7 +129,7 @@ def main() -> int:
     # Reading takes place within run_main, which reports an error in one line.
     def write_world() -> None:
         if arguments.course is None:
-            world = command_line.world_of(arguments.world, arguments.robot)
+            world = command_line.named_world(arguments)
         else:
             world = with_course(arguments.world, arguments.course)
         write(world, arguments.file)

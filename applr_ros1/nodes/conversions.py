@@ -75,6 +75,15 @@ def pose_of(message: Any) -> Pose:
     return message.translation.x, message.translation.y, yaw_of(message.rotation)
 
 
+def path_points(stamped_poses: Sequence[PoseStamped]) -> np.ndarray:
+    """Return the points (n, 2) [m] of poses in the order of a nav_msgs/Path."""
+    points = []
+    for stamped_pose in stamped_poses:
+        position = stamped_pose.pose.position
+        points.append((position.x, position.y))
+    return np.array(points).reshape(-1, 2)
+
+
 class Reading(NamedTuple):
     """Pose and velocity of a robot by odometry, or by the simulator.
 

@@ -12,7 +12,6 @@ from typing import Optional, Sequence, Union
 import numpy as np
 
 import sim_bridge
-import worlds
 from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
@@ -22,7 +21,7 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import REACHED, Drive
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.state_machine import Cycle
-from applr_ros1.robots.geometry import radius
+from applr_ros1.robots.robot_world import world_of
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Step
 from sim_bridge.simulator import Simulator
@@ -93,7 +92,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
             be written.
     """
     robot = options.robot
-    world = worlds.scaled(worlds.load(options.world, radius(robot)), robot.world_scale)
+    world = world_of(options.world, robot)
     simulator = sim_bridge.make(options.simulator, robot=robot)
     # The writer comes first: it refuses an existing bag before minutes of driving.
     with BagWriter(options.bag, robot, TopicNames.of(robot)) as writer:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import threading
+from concurrent.futures import Future
 from typing import Optional
 
 import rospy
 from std_srvs.srv import Empty
 
 from applr_ros1.common.errors import reason
+from applr_ros1.common.threads import called
 
 
 class Costmaps:
     """The costmaps of one move_base, which can be cleared without waiting for it.
 
-    A stopped process accepts calls without ever answering, and rospy has no time-out. Each call
-    therefore has a thread, and none begins before the former one has ended.
+    move_base may never answer, so each call has a thread, and none begins before the former one has
+    ended.
 
     Args:
         namespace: Namespace of move_base.
@@ -23,14 +24,12 @@ class Costmaps:
 
     def __init__(self, namespace: str):
         self._service = f"{namespace.rstrip('/')}/clear_costmaps"
-        self._call: Optional[threading.Thread] = None
+        self._call: Optional[Future[None]] = None
 
     def clear(self) -> None:
         """Begin to clear both costmaps."""
-        if self._call is not None and self._call.is_alive():
-            return
-        self._call = threading.Thread(target=self._clear, name="clear_costmaps", daemon=True)
-        self._call.start()
+        if self._call is None or self._call.done():
+            self._call = called(self._clear)
 
     def _clear(self) -> None:
         """Call the service. Without it, the robot drives on with its old costmaps."""

@@ -116,10 +116,6 @@ class RobotInputs:
         if not is_for_goal:
             raise ObservationError(f"no global plan for this goal on {self._plan_topic} yet")
         stamps = self._sensors.stamps()
-        plan_points = []
-        for stamped_pose in plan.poses:
-            position = stamped_pose.pose.position
-            plan_points.append((position.x, position.y))
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
         if goal_pose is None:
             goal_pose = plan.poses[-1].pose
@@ -130,7 +126,7 @@ class RobotInputs:
             self._pose(frame, stamps["scan"], now),
             self._sensors.twist,
             conversions.pose_of(goal_pose),
-            np.array(plan_points),
+            conversions.path_points(plan.poses),
             moving_obstacles,
         )
         return Snapshot(

@@ -20,6 +20,7 @@ from dynamic_reconfigure.client import Client
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.threads import called
 from applr_ros1.nodes.applr.distance_weights import multipliers_of
 from applr_ros1.planner.parameters.settings import Change, Settings, are_in_force
 from applr_ros1.policy.parameter_space import SPACE, Space
@@ -37,9 +38,8 @@ MOST_SEARCHES = 15  # number of failed searches before they are reported
 class ServerClient:
     """Client for one dynamic_reconfigure server: latest values, bounds, and calls.
 
-    A stopped process accepts calls without ever answering, and the library has no time-out. Each
-    call therefore has a thread, and the next call begins only after the thread has ended, so that a
-    late call never overwrites a newer one.
+    The server may never answer, so each call has a thread. The next call begins only after it has
+    ended, so that a late call never overwrites a newer one.
 
     Args:
         name: Full name of the server.
@@ -142,11 +142,10 @@ class ServerClient:
 
     def set(self, request: Mapping[str, Any]) -> None:
         """Begin a call that sets a request's values. The former call must have ended."""
-        self.call = Future()
-        threading.Thread(target=self._set, args=(dict(request), self.call), daemon=True).start()
+        self.call = called(self._set, dict(request))
 
-    def _set(self, request: Dict[str, Any], call: Future[str]) -> None:
-        """Call the server, and wait for its parameter_updates.
+    def _set(self, request: Dict[str, Any]) -> str:
+        """Call the server, and wait for its parameter_updates. Return the result of `call`.
 
         A server's answer may differ from what it then applies.
         """
@@ -168,7 +167,7 @@ class ServerClient:
             if isinstance(problem.__context__, rospy.ServiceException):
                 cause = problem.__context__
             error = f"{self.name}: {reason(cause)}"
-        call.set_result(error)
+        return error
 
 
 class ReconfigureClient:

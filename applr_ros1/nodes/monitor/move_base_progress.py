@@ -12,7 +12,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Path
 
 from applr_ros1.common.ros_node import LARGE_BUFFER
-from applr_ros1.nodes.conversions import goal_in
+from applr_ros1.nodes.conversions import goal_in, path_points
 from applr_ros1.stack.command_chain import Progress, across
 
 STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
@@ -47,8 +47,5 @@ class MoveBaseProgress:
 
     def _take_plan(self, message: Path) -> None:
         """Store the straight distance between the ends of a plan."""
-        ends = []
-        for stamped_pose in message.poses[:1] + message.poses[-1:]:
-            position = stamped_pose.pose.position
-            ends.append((position.x, position.y))
-        self._plan = rospy.get_rostime(), across(ends)
+        ends = message.poses[:1] + message.poses[-1:]
+        self._plan = rospy.get_rostime(), across(path_points(ends))

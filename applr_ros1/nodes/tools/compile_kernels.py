@@ -30,6 +30,7 @@ from applr_ros1.policy.methods import RandomParameters
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.robots.robot_world import world_of
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from sim_bridge.simulator import warm_up as warm_up_simulator
@@ -101,7 +102,7 @@ def _simulators() -> None:
 
 def drive(robot: Robot) -> None:
     """Drive the whole stack of a robot among moving obstacles, with random parameters."""
-    world = worlds.scaled(worlds.load(WORLD), robot.world_scale)
+    world = world_of(WORLD, robot)
     simulator = sim_bridge.make("kinematic", robot)
     parameters = robot.parameters()
     parameters["applr"] = {**parameters.get("applr", {}), "movers": True}

@@ -52,6 +52,7 @@ from applr_ros1.nodes.move_base.reports import SKIPPED
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry, load
+from applr_ros1.robots.robot_world import world_of
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from .bag_recorder import BagRecorder
@@ -158,8 +159,7 @@ def prepare(words: Sequence[str]) -> DemoSetup:
     # An invalid robot, method or world is an error before anything starts.
     robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
-    world = worlds.load(values["world"], geometry.radius(robot))
-    world = worlds.scaled(world, robot.world_scale)
+    world = world_of(values["world"], robot)
     values["sent"] = course_goal(world.course)
     if values["goal"] != "auto":
         values["sent"] = pose("goal", values["goal"])

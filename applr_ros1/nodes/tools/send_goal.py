@@ -22,7 +22,8 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
-from applr_ros1.robots import geometry, load
+from applr_ros1.robots import load
+from applr_ros1.robots.robot_world import world_of
 
 from .bag_recorder import BagRecorder
 
@@ -62,8 +63,8 @@ def main() -> None:
     robot = load(str(rospy.get_param("~robot", "jackal")))
     odom_frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
     if goal_words == "auto":
-        world = worlds.load(str(rospy.get_param("~world", "generated:0")), geometry.radius(robot))
-        goal_pose = course_goal(worlds.scaled(world, robot.world_scale).course)
+        world = world_of(str(rospy.get_param("~world", "generated:0")), robot)
+        goal_pose = course_goal(world.course)
     else:
         goal_pose = arguments.pose("goal", goal_words)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)

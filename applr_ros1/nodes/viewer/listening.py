@@ -6,12 +6,10 @@ There are no subscriptions while no page is open.
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections import deque
-from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
-from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
 import rospy
 from rospy.numpy_msg import numpy_msg
@@ -19,6 +17,7 @@ from rospy.numpy_msg import numpy_msg
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import reason
 from applr_ros1.common.ros_node import LARGE_BUFFER
+from applr_ros1.common.threads import called
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import TransformBuffer
 from applr_ros1.policy.layout import ObservationError
@@ -144,38 +143,14 @@ def call(report: Report, name: str, kind: Any, *request: Any) -> bool:
     name = rospy.resolve_name(name)
     try:
         rospy.wait_for_service(name, ANSWER_S)
-        answer = _answer(rospy.ServiceProxy(name, kind), request)
+        answer = called(rospy.ServiceProxy(name, kind), *request).result(WORK_S)
         problem = ""
         if not getattr(answer, "success", True):
             problem = answer.message or f"{name} refuses"
-    except rospy.ROSException:
+    except (rospy.ROSException, FutureTimeout):
         problem = f"{name} does not answer"
     except rospy.ServiceException as error:
         problem = f"{name}: {reason(error)}"
     if problem:
         report(problem)
     return not problem
-
-
-def _answer(service: Callable[..., Any], request: Sequence[Any]) -> Any:
-    """Return the answer of a service.
-
-    A stopped process accepts calls without ever answering, and rospy has no time-out.
-
-    Raises:
-        rospy.ROSException: There is no answer within WORK_S.
-        rospy.ServiceException: The service failed.
-    """
-    answer: Future[Any] = Future()
-
-    def ask() -> None:
-        try:
-            answer.set_result(service(*request))
-        except Exception as error:
-            answer.set_exception(error)
-
-    threading.Thread(target=ask, name="service", daemon=True).start()
-    try:
-        return answer.result(WORK_S)
-    except FutureTimeout:
-        raise rospy.ROSException(f"no answer within {WORK_S:g} s") from None

@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from applr_ros1.common.angles import Pose, compose, transform_point
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.paths import step_lengths
-from applr_ros1.nodes.conversions import pose_of
+from applr_ros1.nodes.conversions import path_points, pose_of
 from applr_ros1.robots import Robot
 
 from .listening import Listener
@@ -213,11 +213,7 @@ class ViewerScene:
         message, frame_pose = self._listener.placed(topic, Path)
         if message is None:
             return
-        points = []
-        for stamped_pose in message.poses:
-            position = stamped_pose.pose.position
-            points.append((position.x, position.y))
-        line.path(_moved(frame_pose, np.array(points).reshape(-1, 2)), z)
+        line.path(_moved(frame_pose, path_points(message.poses)), z)
 
     def _draw_samples(self) -> None:
         """Draw the trajectories of the local planner's samples."""
