@@ -17,6 +17,7 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.robots import geometry
 from applr_ros1.robots.robot import OdometryErrors
+from sim_bridge import bullet_scene
 from sim_bridge.odometry import Odometry
 from tests.support import HANGS
 from tests.support.refusals import refused
@@ -324,6 +325,18 @@ def test_the_robot_turns_flat_onto_a_wall_that_it_hits_at_a_high_angle(simulator
     _, _, yaw = state.pose
     assert yaw == pytest.approx(0.5 - pi / 2, abs=0.01)
     assert abs(state.twist[0]) < 0.02
+
+
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_the_body_in_pybullet_is_the_described_box(name):
+    robot = robots.load(name)
+    client = bullet_scene.connect()
+    body_id = bullet_scene.build_robot(client, robot, (0.0, 0.0, 0.0))
+    lowest, highest = np.array(client.getAABB(body_id, -1))  # -1: the body without its wheels
+    assert highest - lowest == pytest.approx(robot.body.size, abs=1e-6)
+    centre = (lowest + highest) / 2
+    assert centre[:2] == pytest.approx(robot.body.centre, abs=1e-3)
+    client.disconnect()
 
 
 def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):

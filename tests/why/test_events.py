@@ -109,6 +109,11 @@ def test_a_robot_that_gains_no_way_goes_to_and_fro():
     trapped = drive_of(DRIVES + there_and_back * 4 + DRIVES)
     assert kinds(trapped) == ["went to and fro"]
 
+    # It is an event if no way is gained for half of the eight seconds.
+    shorter = [(0.4, 0.0)] * 20 + [(-0.4, 0.0)] * 20
+    assert kinds(drive_of(DRIVES + shorter * 4 + DRIVES)) == ["went to and fro"]
+    assert kinds(drive_of(DRIVES + shorter * 3 + DRIVES)) == []
+
     # Half a second backwards, after which the robot goes on, is no trap.
     backing_out = [(-0.4, 0.0)] * 10
     free = drive_of(DRIVES + backing_out + DRIVES * 3)
