@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from tests.support.refusals import refused
 from tests.support.runs import NO_EVALUATION, one_line, toy, toy_run
 from training.evaluate.trial import Result, Trial
 from training.train import __main__ as train
@@ -98,12 +99,15 @@ def test_worlds_that_judge_a_policy_are_not_for_training(tmp_path):
         several.train(config, None)
 
 
-def test_a_seed_of_several_is_continued_with_the_others(tmp_path):
-    (tmp_path / "seed_2").mkdir()
-    (tmp_path / "seed_2" / "checkpoint.json").write_text("{}")
-    config = parse(["--seeds", "3", "--out", str(tmp_path / "seed_2")])
-    with pytest.raises(ApplrError, match=f"give --resume --out {tmp_path}, which continues all"):
-        several.train(config, None)
+def test_the_run_of_one_seed_is_continued_alone_or_with_the_others(tmp_path):
+    run_folder = tmp_path / "seed_2"
+    run_folder.mkdir()
+    (run_folder / "checkpoint.json").write_text("{}")
+    config = parse(["--seeds", "3", "--out", str(run_folder)])
+    refused(lambda: several.train(config, None), "continue it with --resume --seeds 1")
+    (tmp_path / "config.json").write_text("{}")
+    remedy = f"give --resume --out {tmp_path}, which continues all"
+    refused(lambda: several.train(config, None), remedy)
 
 
 def test_policies_are_compared_on_this_machine_alone(tmp_path, evaluated):

@@ -51,8 +51,10 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     """
     out_folder = config.folder()
     if (out_folder / CHECKPOINT).exists():
-        remedy = f"give --resume --out {out_folder.parent}, which continues all seeds"
-        raise ApplrError(f"{out_folder} is the run of one of several seeds: {remedy}")
+        remedy = "continue it with --resume --seeds 1"
+        if (out_folder.parent / "config.json").exists():
+            remedy = f"give --resume --out {out_folder.parent}, which continues all seeds"
+        raise ApplrError(f"{out_folder} is the run of one seed: {remedy}")
     check_unseen(
         listed_specs(config.worlds, radius(config.robot)), listed_specs(f"{CHOICE},{VERDICT}")
     )
