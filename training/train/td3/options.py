@@ -33,7 +33,8 @@ class TD3Options(Options):
     smoothness: List[Annotated[float, Field(ge=0, le=1000)]] = option([0.0],
         "Weight of a penalty on the mean square change of the policy's action between the two "
         "observations of a transition, which are --n-step decisions apart, for actions from -1 to "
-        "1. Several numbers weight the parameters one by one. 0 disables the penalty.", min_length=1)
+        "1. Several numbers weight the parameters one by one. 0 disables the penalty.",
+        min_length=1)
     preactivation_l2: float = option(0.0,
         "Weight of a penalty on the mean square of the policy's outputs before tanh. The penalty "
         "keeps actions away from the ends of the ranges, at which the gradient of tanh vanishes. "
