@@ -78,7 +78,12 @@ class TouchGeometry(NamedTuple):
 
 
 class KinematicSimulator(Simulator):
-    """Planar simulated robot; see Simulator."""
+    """Planar simulated robot; see Simulator.
+
+    Attributes:
+        body: Record (1,) of the present BodyState.
+        vehicle: Record (1,) of the present Vehicle: its ground, controller and wheels.
+    """
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         super().__init__(robot, **randomisation)
@@ -95,10 +100,10 @@ class KinematicSimulator(Simulator):
 
     def _move_to(self, pose: Pose) -> None:
         constants = self._mechanics.constants
-        self._vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
+        self.vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
         self._supports = self._mechanics.supports.copy()
         x, y = transform_point(pose, *self._mechanics.com)
-        self._body = record(BodyState(x, y, pose[2]))
+        self.body = record(BodyState(x, y, pose[2]))
 
     def _drive(self, steps: int) -> None:
         """Simulate some steps of STEP, and store the state after them."""
@@ -108,8 +113,8 @@ class KinematicSimulator(Simulator):
         if self._surface.ground < 1.0:
             noise = self._noise.standard_normal(shape)
         drive(
-            self._body,
-            self._vehicle,
+            self.body,
+            self.vehicle,
             self._supports,
             self._schedule(steps),
             self._circles_during(duration),
@@ -120,7 +125,7 @@ class KinematicSimulator(Simulator):
         )
         self._steps += steps
 
-        body = BodyState(*self._body[0].item())
+        body = BodyState(*self.body[0].item())
         com_x, com_y = self._mechanics.com
         # base_link moves with the centre of mass, and around it in a turn.
         speed = body.forward + body.yaw_rate * com_y

@@ -149,7 +149,7 @@ class Bridge:
                 continue
             ticks += 1
             with self.lock:
-                self._take_command()
+                self.take_command()
                 state = self.simulator.advance(TICK_S)
                 self.touched |= state.contact
                 stamp = self.stamp()
@@ -163,7 +163,7 @@ class Bridge:
                 # The clock comes last: a node that it wakes up finds the messages of this time.
                 self.topics.clock.publish(stamp)
             if self.factor == 0.0:
-                self._lock_step()
+                self.lock_step()
                 if self.driven:
                     rate.begin()
                 else:
@@ -171,7 +171,7 @@ class Bridge:
             else:
                 rate.wait(TICK_S, self.factor)
 
-    def _take_command(self) -> None:
+    def take_command(self) -> None:
         """Pass the latest command to the simulator, and compute when the next one is due."""
         with self.arrived:
             command = self.newest
@@ -186,11 +186,11 @@ class Bridge:
         cycle_start = self.due if is_early else sim_time
         self.due = self.period + cycle_start
 
-    def _lock_step(self) -> None:
+    def lock_step(self) -> None:
         """Wait for the planner's next command once the command is due, but at most for PATIENCE_S.
 
         The simulation then runs as fast as possible without running ahead of the planner. After a
-        time-out, _lock_step does not wait again until the next command has arrived.
+        time-out, lock_step does not wait again until the next command has arrived.
         """
         if self.driven and self.simulator.state.time > self.due - 1e-6:
             with self.arrived:

@@ -164,6 +164,7 @@ class CollisionMonitor:
         fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
             on fresh inputs.
         ages: Ages of the inputs at the last command.
+        lasers: the lasers with what each of them sees.
         silence: time after a command at which the base must be braked() unless another command
             arrives [s].
         strays: lasers that the latest scan has let go.
@@ -184,7 +185,7 @@ class CollisionMonitor:
         corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
         self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self._lasers = Lasers(self.settings, ("", *more_scans))
+        self.lasers = Lasers(self.settings, ("", *more_scans))
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
         self.matched_frame = MatchedFrame()
@@ -200,7 +201,7 @@ class CollisionMonitor:
 
     def reset(self) -> None:
         """Discard all scans, obstacles and observed space. Call it when time or odometry jumps."""
-        self._lasers.clear()
+        self.lasers.clear()
         self.strays: List[WatchedLaser] = []
         self.seen.clear()
         self.matcher.clear()
@@ -225,7 +226,7 @@ class CollisionMonitor:
     @property
     def memory(self) -> ObstacleMemory:
         """Obstacles that the first laser has seen."""
-        return self._lasers.first.memory
+        return self.lasers.first.memory
 
     def add_scan(self, scan: LaserScan, topic: str = "") -> str:
         """Check a scan in the odometry frame, add it to the memory, and return its fault.
@@ -233,7 +234,7 @@ class CollisionMonitor:
         The fault is "" if there is none. `topic` is the topic of the scan, "" for that of the first
         laser. An unknown topic or frame adds a laser (Lasers).
         """
-        laser = self._lasers.of(scan, topic)
+        laser = self.lasers.of(scan, topic)
         self.strays = []
         if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # The scan is out of order: a newer one was added before.
@@ -250,7 +251,7 @@ class CollisionMonitor:
 
         # The first laser corrects the pose, before any point of the scan is stored.
         correction_before = self.matcher.correction
-        if laser is self._lasers.first:
+        if laser is self.lasers.first:
             is_partial = len(suspects.x) > 0
             self.matcher.add_scan(without_movers(scan, suspects), is_partial)
             if self.matcher.lost:
@@ -277,20 +278,20 @@ class CollisionMonitor:
 
     def _let_go(self, laser: WatchedLaser) -> None:
         """Let go of strays on a laser's topic. Space that they alone may have seen is unknown."""
-        first_laser = self._lasers.first
-        self.strays = self._lasers.let_go(laser)
+        first_laser = self.lasers.first
+        self.strays = self.lasers.let_go(laser)
         if self.strays:
             self.seen.clear()
-        if self._lasers.first is not first_laser:
+        if self.lasers.first is not first_laser:
             # The poses were corrected by the scans of the stray.
             self.matcher.clear()
             self._forget_place()
-            for watched in self._lasers:
+            for watched in self.lasers:
                 watched.forget_tracks()
 
     def _forget_place(self) -> None:
         """Discard obstacles, observed space and motion, because the robot is elsewhere."""
-        for laser in self._lasers:
+        for laser in self.lasers:
             laser.forget_place()
         self.seen.clear()
         self.motion.clear()
@@ -361,7 +362,7 @@ class CollisionMonitor:
         It is 0 if a laser has no scan yet, which is a fault of its own.
         """
         oldest_stamp = math.inf
-        for laser in self._lasers:
+        for laser in self.lasers:
             if laser.stamp is None:
                 return 0.0
             oldest_stamp = min(oldest_stamp, laser.stamp)
@@ -464,7 +465,7 @@ class CollisionMonitor:
         """
         settings = self.settings
         discs = []
-        for laser in self._lasers:
+        for laser in self.lasers:
             if laser.stamp is None:
                 continue
             age = stamp - laser.stamp
@@ -583,7 +584,7 @@ class CollisionMonitor:
         orbit = abs(settings.turn_ahead) * chord
         reach = self._radius + settings.margin + speed * longest_time + orbit + REACH_SLACK_M
         points = []
-        for laser in self._lasers:
+        for laser in self.lasers:
             points.append(laser.memory.around(pose, reach))
         return np.concatenate(points)
 
@@ -619,8 +620,8 @@ class CollisionMonitor:
         if self._is_impossible(v, w):
             speeds = f"{v:g} m/s and {w:g} rad/s"
             return f"the odometry reports {speeds}, which is too fast: check its source"
-        for laser in self._lasers:
-            if laser.fault and laser is self._lasers.first:
+        for laser in self.lasers:
+            if laser.fault and laser is self.lasers.first:
                 return laser.fault
             if laser.fault:
                 return f"{laser.words}: {laser.fault}"
@@ -628,7 +629,7 @@ class CollisionMonitor:
 
     def _age_problem(self) -> str:
         """Return which input is too old, or ahead of the clock, as one line, or "" if none is."""
-        oldest_laser = min(self._lasers, key=lambda laser: laser.stamp or 0.0)
+        oldest_laser = min(self.lasers, key=lambda laser: laser.stamp or 0.0)
         timeout = self.settings.scan_timeout
         for source, age in zip((oldest_laser.words, "pose", "odometry"), self.ages):
             if age > timeout:

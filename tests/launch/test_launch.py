@@ -315,7 +315,7 @@ def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
         result["reason"] = "timed out"
 
     monkeypatch.setattr(demo_tool, "private_nodes", lambda given: contextlib.nullcontext())
-    monkeypatch.setattr(demo_tool, "_drive", drive)
+    monkeypatch.setattr(demo_tool, "drive_course", drive)
     monkeypatch.setattr("sys.argv", ["demo.py", "page:=none"])
     assert demo_tool.main() == 1
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["reason"] == "timed out"

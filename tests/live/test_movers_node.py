@@ -28,14 +28,14 @@ class Walker(FakeJackal):
     y = -1.5  # position of the person [m]
     vy = 1.0  # velocity of the person along y [m/s]
 
-    def _publish_pose(self, stamp):
+    def publish_pose(self, stamp):
         if self.walks:
             self.y += 0.02 * self.vy  # This method is called every 20 ms.
             # The person turns round.
             if abs(self.y) > 1.5:
                 self.vy = -self.vy
         self.robot.circles = np.array([*WALL, (1.8, self.y, 0.25)])
-        super()._publish_pose(stamp)
+        super().publish_pose(stamp)
 
 
 def test_a_walker_is_predicted_and_nothing_is_published_at_rest():

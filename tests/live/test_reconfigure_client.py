@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import rospy
 from dynamic_reconfigure.client import Client
-from dynamic_reconfigure.msg import Config
+from dynamic_reconfigure.encoding import encode_config
+from dynamic_reconfigure.msg import Config, ConfigDescription
 
 from applr_ros1.nodes.applr import reconfigure_client
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
@@ -60,6 +61,17 @@ def applied(client, theta, per_cell=False):
     machine.
     """
     return not client.apply(client.space.settings(theta, per_cell), LONGEST)
+
+
+@contextmanager
+def publishing(topic, message):
+    """Publish a message on a topic of a server meanwhile."""
+    publisher = rospy.Publisher(topic, type(message), queue_size=1, latch=True)
+    publisher.publish(message)
+    try:
+        yield
+    finally:
+        publisher.unregister()
 
 
 def set_by_another_client(server, **values):
@@ -157,10 +169,13 @@ def test_a_new_client_calls_no_server_whose_values_are_in_force(client, calls):
 
 
 def test_a_restarted_server_is_called_with_any_last_values(client, calls):
-    description = client.servers["local_costmap"]._client.param_description
+    local_costmap = client.servers["local_costmap"]
+    topic = local_costmap.name + "/parameter_descriptions"
+    description = rospy.wait_for_message(topic, ConfigDescription, LONGEST)
     # A server publishes its description at its start alone: a second one is that of a new
     # process.
-    client.servers["local_costmap"]._on_description(description)
+    with publishing(topic, description):
+        wait_for(lambda: not local_costmap.has({}), "the restart")
     for expected_calls in ({COSTMAPS[0]}, set()):
         assert applied(client, THETA_0)
         assert calls(len(expected_calls)) == expected_calls
@@ -200,12 +215,12 @@ def test_a_restarted_server_gets_the_last_request(client):
 
 
 @pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
-def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, monkeypatch, values):
-    planner = client.servers["TrajectoryPlannerROS"]
-    served_values = dict(planner.values)
+def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, values):
+    served_values = dict(client.servers["TrajectoryPlannerROS"].values)
     del served_values["max_vel_x"]
-    monkeypatch.setattr(planner._client, "config", {**served_values, **values})
-    assert client.theta() is None
+    config = encode_config({**served_values, **values})
+    with publishing(PLANNER + "/parameter_updates", config):
+        wait_for(lambda: client.theta() is None, "the message")
     assert applied(client, THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
 

@@ -318,11 +318,11 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
     bridge.arrived.wait_for = wait_for
     # Four seconds in ticks of 0.01 s
     for _ in range(400):
-        ros_bridge.Bridge._take_command(bridge)
+        ros_bridge.Bridge.take_command(bridge)
         bridge.simulator.state.time += 0.01
         if not bridge.driven:
             plan()
-        ros_bridge.Bridge._lock_step(bridge)
+        ros_bridge.Bridge.lock_step(bridge)
     # A wait in vain would cost its whole patience in wall time.
     assert all(bridge.waits)
     assert len(bridge.commands) == pytest.approx(4.0 * hertz, abs=2)

@@ -22,7 +22,7 @@ NO_MOVER = Movers(*(values[:0] for values in MOVER))
 def add_scan(monkeypatch):
     """Return a monitor, and a function that adds a scan with suspects and movers."""
     monitor = CollisionMonitor()
-    laser = monitor._lasers.first
+    laser = monitor.lasers.first
     stamps = iter(np.arange(0.0, 9.0, 0.1))
 
     def match(scan, is_partial=False):

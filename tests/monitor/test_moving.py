@@ -247,7 +247,7 @@ def test_what_stands_moves_only_in_the_odometrys_frame_while_the_wheels_slip():
     true_ranges = lidar.scan(*laser.pose_at((0.0, 0.0, 0.0)))
     rng = np.random.default_rng(0)
     monitor = CollisionMonitor(MonitorSettings.of(robot))
-    (watched,) = monitor._lasers
+    (watched,) = monitor.lasers
     suspects = 0
     movers = 0
     for number in range(30):

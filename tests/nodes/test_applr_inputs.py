@@ -218,8 +218,10 @@ def test_a_silent_odometry_prevents_decisions(beside):
 
 
 def test_a_static_transform_has_no_age(beside):
-    beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-    map_to_base = beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0)
+    transforms = module.TransformBuffer()
+    static_transform = transform("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
+    transforms.buffer.set_transform_static(static_transform, "test")
+    map_to_base = transforms.latest("map", "base_link", beside.time, 1.0)
     assert map_to_base.transform.rotation.w == 1.0
 
 

@@ -1,5 +1,6 @@
 """Test of the condition for which a drive waits that is recorded."""
 
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -75,6 +76,7 @@ def test_a_recorder_is_ready_when_all_publishers_are_connected_but_those_of_larg
 def test_a_drive_begins_in_the_end_without_a_recorder(scene, monkeypatch):
     scene.is_dead = True
     assert not scene.recorder.is_ready()
-    monkeypatch.setattr(scene.recorder, "_last_time", 0.0)
+    after_patience = time.monotonic() + bag_recorder.PATIENCE_S
+    monkeypatch.setattr(bag_recorder.time, "monotonic", lambda: after_patience)
     assert scene.recorder.is_ready()
     assert scene.lines == [f"/robot1/record does not record {PLAN}, {GOAL} yet"]

@@ -102,7 +102,19 @@ def master(monkeypatch):
     master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
     for name in ("Publisher", "Subscriber", "Service"):
         monkeypatch.setattr(rospy, name, MagicMock())
+    monkeypatch.setattr(rospy, "get_time", lambda: 100.0)
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(100))
+    monkeypatch.setattr(node_module.time, "sleep", lambda _: None)
     return master
+
+
+def status_after_a_look(node, monkeypatch):
+    """Let a node look for topics and stops once; return its status and its values by name."""
+    monkeypatch.setattr(rospy, "is_shutdown", MagicMock(side_effect=[False, True]))
+    node.spin()
+    (message,) = rospy.Publisher.return_value.publish.call_args.args
+    (status,) = message.status
+    return status.message, {value.key: value.value for value in status.values}
 
 
 def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch, tmp_path):
@@ -112,13 +124,13 @@ def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch
     names, given = names_of({}, JACKAL)
     node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
 
-    node._search()
-    assert node._problem.startswith("/move_base: robot nobody: give ")
-    assert node._box is None
+    text, values = status_after_a_look(node, monkeypatch)
+    assert text.startswith("/move_base: robot nobody: give ")
+    assert "stops" not in values, "nothing is watched yet"
     parameters["robot"] = "jackal"
-    node._search()
-    assert node._problem == ""
-    assert node._box is not None
+    text, values = status_after_a_look(node, monkeypatch)
+    assert text == "keeps the last minutes"
+    assert values["stops"] == "0"
 
 
 def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(
@@ -128,13 +140,14 @@ def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(
     monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
     described = []
     box = MagicMock(describe=lambda driven: described.append(driven.robot.local_planner))
+    box.look.return_value.answer = None
     monkeypatch.setattr(node_module, "BlackBox", lambda driven, *_: box)
     names, given = names_of({}, JACKAL)
     node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
 
     for address in ("http://robot:1", "http://robot:1", "http://robot:2"):
         master.lookupNode.return_value = address
-        node._search()
+        status_after_a_look(node, monkeypatch)
         parameters["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
 
     assert described == ["DWAPlannerROS"], "at the new address alone"

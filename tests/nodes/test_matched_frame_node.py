@@ -9,15 +9,17 @@ import pytest
 import rospy
 
 from applr_ros1.common.angles import compose
-from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.monitor import frame_broadcaster
+from applr_ros1.nodes.monitor import node as monitor_node
 from applr_ros1.nodes.monitor.frame_broadcaster import FrameBroadcaster
 from applr_ros1.nodes.monitor.node import CollisionMonitorNode
 from applr_ros1.nodes.move_base.frame_restart import FrameRestart
-from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.planner.parameters.check import check
+from applr_ros1.robots import JACKAL
+from tests.support.move_base_node import lone_node
 
 CORRECTION = (0.5, -0.2, 0.3)
 
@@ -85,14 +87,14 @@ def test_a_goal_waits_for_the_monitors_first_transform(
 ):
     warnings = []
     monkeypatch.setattr(rospy, "logwarn_throttle", lambda _, line: warnings.append(line))
-    node = MagicMock(_awaits_monitor=awaits_monitor, frame="matched")
-    node._can_take_goals = lambda: MoveBaseNode._can_take_goals(node)
+    node, _ = lone_node(monkeypatch, robot="turtlebot3_waffle_pi", matched=awaits_monitor)
     node.sensors.place_of.return_value = (0.0, 0.0, 0.0) if knows_frame else None
     node.goals.is_new_goal_available.return_value = True
     node.goals.is_active.return_value = False
-    node._checked_goal.return_value = (1.0, 2.0, 0.0)
-    node._set_goal = node.move_base.set_goal
-    MoveBaseNode._take_goals(node, rospy.Time(10), 10.0)
+    goal = conversions.pose_stamped((1.0, 2.0, 0.0), "odom", rospy.Time(9))
+    node.goals.accept_new_goal.return_value.target_pose = goal
+    node.sensors.to_global.return_value = (1.0, 2.0, 0.0)
+    node.cycle(rospy.Time(10))
     assert node.goals.accept_new_goal.called == node.move_base.set_goal.called == is_taken
     line = "a goal waits for frame matched of the collision monitor: start the monitor"
     assert warnings == ([] if is_taken else [line])
@@ -121,24 +123,40 @@ def test_another_drive_begins_no_frame():
 def test_goal_and_maps_follow_a_monitor_that_starts_again(monkeypatch):
     warnings = []
     monkeypatch.setattr(rospy, "logwarn", lambda line, *values: warnings.append(line % values))
-    node = MagicMock(frame="matched", _odometry_frame="odom", _frame_restart=FrameRestart())
+    node, messages = lone_node(monkeypatch, robot="turtlebot3_waffle_pi", matched=True)
     node.move_base.goal = compose(CORRECTION, (2.0, 1.0, 0.4))
-    node.sensors.place_of.return_value = CORRECTION
-    MoveBaseNode._follow_monitor(node, rospy.Time(10))
+    node.sensors.pose.return_value = (0.0, 0.0, 0.0)
+    odometry = {"odom": CORRECTION}  # pose of the odometry's frame in that of the matched poses
+    node.sensors.place_of.side_effect = odometry.get
+    node.cycle(rospy.Time(10))
     assert not node.move_base.clear_costmaps.called
-    node.sensors.place_of.return_value = (0.0, 0.0, 0.0)
-    MoveBaseNode._follow_monitor(node, rospy.Time(15))
+    odometry["odom"] = (0.0, 0.0, 0.0)
+    node.cycle(rospy.Time(15))
     assert node.move_base.clear_costmaps.called
-    ((goal, stamp, _),) = (call.args for call in node._set_goal.call_args_list)
+    ((goal, time),) = (call.args for call in node.move_base.set_goal.call_args_list)
     assert goal == pytest.approx((2.0, 1.0, 0.4))
-    assert stamp == rospy.Time(15)
+    assert time == 15.0
+    (published_goal,) = messages["~current_goal"]
+    assert published_goal.header.stamp == rospy.Time(15)
+    assert published_goal.header.frame_id == "matched"
     (warning,) = warnings
     assert warning.startswith("the collision monitor has started again: the goal moves")
 
 
 def test_an_error_of_the_monitor_does_not_move_its_frame(monkeypatch):
-    monkeypatch.setattr(rospy, "logerr_throttle", MagicMock())
-    node = MagicMock(monitor=CollisionMonitor())
+    # Given: a monitor node whose sensors fail
+    for name in ("BaseCommands", "Sensors", "warm_up"):
+        monkeypatch.setattr(monitor_node, name, MagicMock())
+    for name in ("Publisher", "Subscriber", "logerr_throttle"):
+        monkeypatch.setattr(rospy, name, MagicMock())
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
+    node = CollisionMonitorNode(MonitorSettings.of(JACKAL), JACKAL, "", [], escape=False)
+    node.sensors.observations.side_effect = ValueError("a test")
     node.monitor.matched_frame.correction = CORRECTION
-    CollisionMonitorNode._fail(node, ValueError("a test"))
+
+    # When: a command arrives
+    _, _, take_command = rospy.Subscriber.call_args.args
+    take_command(conversions.twist(0.5, 0.0))
+
+    assert rospy.logerr_throttle.called
     assert node.monitor.matched_frame.correction == CORRECTION

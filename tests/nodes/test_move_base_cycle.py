@@ -10,10 +10,10 @@ import rospy
 
 from applr_ros1.common.angles import within_speed
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
-from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.nodes.move_base.reports import MoveBaseReports, off_the_map
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.state_machine import Cycle
+from tests.support.move_base_node import lone_node
 
 NOW = rospy.Time(100)
 
@@ -34,14 +34,10 @@ def test_max_speed_bounds_commands_ahead_and_back_and_keeps_their_arcs(command, 
 
 
 @pytest.mark.parametrize("pose", [None, (1.0, 2.0, 0.5)])
-def test_feedback_has_the_pose_if_it_is_known(pose):
-    node = MagicMock()
-    node._locate.return_value = pose, None
-    node.move_base.step.return_value = Cycle()
-    node.move_base.in_global_frame.side_effect = lambda pose: pose
-    node.watchdog.is_lost.return_value = False
-    node.frame = "odom"
-    MoveBaseNode._cycle(node, NOW)
+def test_feedback_has_the_pose_if_it_is_known(pose, monkeypatch):
+    node, _ = lone_node(monkeypatch, robot="jackal")
+    node.sensors.pose.return_value = pose
+    node.cycle(NOW)
     feedback_positions = []
     for feedback_call in node.goals.publish_feedback.mock_calls:
         position = feedback_call.args[0].base_position.pose.position
@@ -49,21 +45,22 @@ def test_feedback_has_the_pose_if_it_is_known(pose):
     assert feedback_positions == ([] if pose is None else [(1.0, 2.0)])
 
 
-def test_refusals_of_the_first_blocked_cycle_are_kept_until_they_are_reported():
-    node = MagicMock(reports=MoveBaseReports(0.0))
-    node._locate.return_value = (1.0, 2.0, 0.5), None
+def test_refusals_of_the_first_blocked_cycle_are_kept_until_they_are_reported(monkeypatch):
+    node, messages = lone_node(monkeypatch, robot="jackal")
     node.move_base.step.return_value = Cycle(controlled=True)
-    node.move_base.in_global_frame.side_effect = lambda pose: pose
-    node.watchdog.is_lost.return_value = False
     node.move_base.local_planner.refusals.side_effect = [{}, {"samples": 3}, {"samples": 4}]
-    for _ in range(3):
-        MoveBaseNode._cycle(node, NOW)
-    assert node.reports.refusals == {"samples": 3}
+    # Four cycles, of which the second is followed by no report
+    monkeypatch.setattr(node.reports, "is_due", MagicMock(side_effect=[True, False, True, True]))
+    for _ in range(4):
+        node.cycle(NOW)
     problems = []
-    for _ in range(2):
-        _, refused, _ = node.reports.statuses({}, "", skipped=0, frequency=20.0)
-        problems.append((refused.problem, refused.values))
-    assert problems == [("no legal command", {"samples": 3}), ("", {})]
+    for message in messages["/diagnostics"]:
+        (status,) = message.status
+        if status.name.endswith(": samples that critics refused"):
+            values = {value.key: value.value for value in status.values}
+            problems.append((status.message, values))
+    line = "no legal command"
+    assert problems == [("", {}), (line, {"samples": "3"}), (line, {"samples": "4"})]
 
 
 def test_a_report_is_due_each_second():

@@ -5,6 +5,7 @@ import pytest
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from tests.support.ros import wait_for
 from tests.support.servers import running_servers
 
 PLANNER = "TrajectoryPlannerROS"
@@ -14,13 +15,18 @@ BIAS = THETA_0[PATH_INDEX]
 PER_METRE = BIAS / CELL_M
 
 
-@pytest.fixture
-def client():
+def client_of_running_servers(**options):
     """Return a client of running servers, whose planner counts per metre."""
-    client = ReconfigureClient()
+    client = ReconfigureClient(**options)
     client.servers = running_servers(SPACE, SPACE.settings(SPACE.low))
     client.factor = CELL_M
     return client
+
+
+@pytest.fixture
+def client():
+    """Return such a client, whose thread has not started."""
+    return client_of_running_servers()
 
 
 def bias_of(client):
@@ -63,30 +69,51 @@ def test_what_was_sent_is_compared_in_the_planners_unit(client):
     assert client.sent == SPACE.settings(THETA_0)
 
 
-@pytest.mark.parametrize("hinder", ["nothing", "unit", "value", "request"])
-def test_a_request_is_in_force_if_the_servers_have_its_values_in_the_end(client, hinder):
+@pytest.mark.parametrize(
+    ("hinder", "is_in_force"),
+    [
+        ("nothing", True),
+        ("unit", False),
+        ("value", False),
+        ("request", False),
+        ("equal request", True),
+    ],
+)
+def test_a_request_is_in_force_if_the_servers_have_its_values_in_the_end(
+    hinder, is_in_force, monkeypatch
+):
     """The unit may become known, and another client may set a value, during a call."""
+    # Given: a client, and what happens at the end of its first call
+    busy = []  # whether a request is open at each report
+    client = client_of_running_servers(on_report=lambda error: busy.append(client.busy))
+    apply = client.apply
+
+    def hindered(settings):
+        """Apply settings, and hinder the first ones."""
+        error = apply(settings)
+        if busy:
+            return error
+        if hinder == "unit":
+            client.factor = 1.0
+        elif hinder == "value":
+            client.servers[PLANNER].values["path_distance_bias"] = 0.1
+        elif hinder == "request":
+            client.request(SPACE.settings(SPACE.high, per_cell=True))
+        elif hinder == "equal request":
+            client.request(SPACE.settings(THETA_0.copy(), per_cell=True))
+        return error
+
+    monkeypatch.setattr(client, "apply", hindered)
     client.request(SPACE.settings(THETA_0, per_cell=True))
     assert client.busy
-    assert client.apply(SPACE.settings(THETA_0, per_cell=True)) == ""
-    if hinder == "unit":
-        client.factor = 1.0
-    elif hinder == "value":
-        client.servers[PLANNER].values["path_distance_bias"] = 0.1
-    elif hinder == "request":
-        client.request(SPACE.settings(SPACE.high, per_cell=True))
-    client._note_in_force()
-    assert client.busy == (hinder != "nothing")
 
+    # When: it puts a request in force
+    client.start()
+    wait_for(lambda: busy and not client.busy, "the request")
+    client.stop()
 
-def test_an_equal_request_is_in_force_at_once(client):
-    """Values count, whoever asks for them."""
-    settings = SPACE.settings(THETA_0)
-    client.request(settings)
-    client.apply(settings)
-    client.request(SPACE.settings(THETA_0.copy()))
-    client._note_in_force()
-    assert not client.busy
+    # Then: what hinders it is made good by another call
+    assert busy == ([False] if is_in_force else [True, False])
     # A restart of a server asks for the same values again.
     client.reapply()
     assert client.busy

@@ -14,6 +14,7 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint import pad, radii
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn
+from applr_ros1.planner.sampling_planner import start_record
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.planner.trajectory.sampling import fill_evenly, velocity_window
 from tests.planner import replay_dwa
@@ -60,15 +61,17 @@ def load(folder):
 # quantity.
 
 
-def sampled_window(planner):
-    """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x",
-    "dvx", ...}.
+def sampled_window(planner, plan):
+    """Return ranges and steps of a TrajectoryPlanner's last samples along a plan: {"min_vel_x",
+    "max_vel_x", "dvx", ...}.
     """
+    in_force = planner.in_force
+    plan_points = np.ascontiguousarray(plan[:, :2])
     slowest, fastest, lowest_turn, highest_turn = velocity_window(
-        planner.in_force, planner._plan, planner._scratch.start[0]
+        in_force, plan_points, start_record(planner.start)
     )
-    speed_step = fill_evenly(slowest, fastest, planner._scratch.speeds)
-    turn_step = fill_evenly(lowest_turn, highest_turn, planner._scratch.turn_rates)
+    speed_step = fill_evenly(slowest, fastest, np.zeros(in_force["vx_samples"]))
+    turn_step = fill_evenly(lowest_turn, highest_turn, np.zeros(in_force["vtheta_samples"]))
     return {
         "min_vel_x": slowest,
         "max_vel_x": fastest,
@@ -201,7 +204,7 @@ def dwa(scenario):
     window = expected["window"]
     # Null if C++ divided by zero.
     names = [name for name in WINDOW if window[name] is not None]
-    ours = sampled_window(planner)
+    ours = sampled_window(planner, scenario.array("plan"))
     yield "window", [ours[name] for name in names], [window[name] for name in names]
 
     # Each sample by itself: a wrong score can hide behind a better sample.

@@ -21,7 +21,7 @@ from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from tests.support.servers import running_servers
 from training.env.settings import TrialSettings
-from training.evaluate.runner import TrialRunner
+from training.evaluate.runner import TrialRunner, at_scale
 from training.evaluate.trial import Trial
 from worlds.occupancy import occupancy
 
@@ -176,13 +176,17 @@ def test_theta_0_is_that_of_the_files_in_use():
 
 
 @pytest.mark.parametrize(("has_map", "speed"), [(False, 0.22), (True, 0.15)])
-def test_a_simulated_drive_has_theta_0_of_the_files_in_use(has_map, speed):
+def test_a_simulated_drive_has_theta_0_of_the_files_in_use(has_map, speed, monkeypatch):
     robot, _ = slower_on_a_map(load("turtlebot3_burger"))
-    runner = TrialRunner(TrialSettings(robot=robot, time_limit=2.0))
-    world = runner._world("generated:3")
+
+    def with_map(*arguments, **keywords):
+        """Return a world of the runner with its map."""
+        world = at_scale(*arguments, **keywords)
+        return replace(world, map=occupancy(world, 0.05))
+
     if has_map:
-        world = replace(world, map=occupancy(world, 0.05))
-    runner._world = lambda specification: world
+        monkeypatch.setattr("training.evaluate.runner.at_scale", with_map)
+    runner = TrialRunner(TrialSettings(robot=robot, time_limit=2.0))
     runner.run(Trial("generated:3", "dwa", 0, 1, "generated:3", "dwa"))
     first_decision = runner.drive.decisions[0]
     # The planner starts with these values, and the method does not change them.

@@ -183,7 +183,7 @@ def test_a_scene_of_twice_the_size_gives_the_same_observation():
         range_cap=2 * layout.range_cap,
         lookahead=1.0,
     )
-    of_larger_scene = encoding._scan(2.0 * scene.ranges)
+    of_larger_scene = encoding.observe(replace(scene, ranges=2.0 * scene.ranges))[:SCAN]
     np.testing.assert_allclose(observation, of_larger_scene, atol=1e-6)
 
 

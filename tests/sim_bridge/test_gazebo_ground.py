@@ -14,6 +14,7 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.robots import check
 from applr_ros1.robots.robot import Base, Body, Simulation
+from sim_bridge.mechanics import mechanics
 from tests.support.scenes import STEP, drive, small_world
 
 OPEN = small_world()
@@ -109,9 +110,9 @@ def set_motion(simulator, twist, ramp, angles):
         angles: Angles of the left and right wheels [rad].
     """
     forward, leftward, yaw_rate = twist
-    com_x, com_y = simulator._mechanics.com
-    body = simulator._body
-    drivetrain = simulator._vehicle["drivetrain"]
+    com_x, com_y = mechanics(simulator.robot).com
+    body = simulator.body
+    drivetrain = simulator.vehicle["drivetrain"]
     body["forward"] = forward - yaw_rate * com_y
     body["leftward"] = leftward + yaw_rate * com_x
     body["yaw_rate"] = yaw_rate

@@ -165,7 +165,7 @@ class FakeJackal:
         self.robot.drive(self._command if is_fresh else None, TICK)
         # Odometry comes at 50 Hz and scans at 20 Hz, as from the real robot.
         if n % 2 == 0:
-            self._publish_pose(stamp)
+            self.publish_pose(stamp)
         if n % 5 == 0 and self.scans:
             self._publish_scan(stamp, self.robot.ranges())
 
@@ -181,7 +181,8 @@ class FakeJackal:
         scan.header.frame_id = "front_laser"
         self._scan.publish(self.bend(scan))
 
-    def _publish_pose(self, stamp):
+    def publish_pose(self, stamp):
+        """Publish tf and odometry of the present pose."""
         odom_to_base = transform(
             "odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp
         )
@@ -263,7 +264,7 @@ class Standing(FakeJackal):
                 status.status_list = [GoalStatus(GoalID(id=goal), GoalStatus.ACTIVE, "")]
             status.header.stamp = stamp
             self._status.publish(status)
-        self._publish_pose(stamp)
+        self.publish_pose(stamp)
         self._publish_scan(stamp, self.ranges)
         if goal is not None:
             poses = [pose_stamped((x, y, 0.0), "odom", stamp) for x, y in self.path]

@@ -7,7 +7,7 @@ from training.bags.maker import Maker
 from training.bags.write import write
 
 _MAKER = Maker()
-_MAKER._register_own()
+_MAKER.register_own()
 
 
 def raw_messages(path, drive, **options):

@@ -83,11 +83,11 @@ def wall_with_a_door():
 
 def paint(costmap, cells):
     """Write the non-zero cells (ny, nx) into a costmap's master grid, and inflate the whole map."""
-    np.copyto(costmap._base, costmap.cells)
-    np.copyto(costmap._base, cells, where=np.asarray(cells) != 0)
+    origin, master, *layer_cells = costmap.snapshot()
+    base = np.where(np.asarray(cells) != 0, cells, master)
     for layer in costmap.inflation_layers:
-        layer.update(costmap.cells, costmap._base, (0, 0) + costmap.size)
-    costmap._changed((0, 0) + costmap.size)
+        layer.update(master, base, (0, 0) + costmap.size)
+    costmap.restore((origin, master, *layer_cells))
 
 
 # World files of Gazebo; the repository has none of BARN's or DynaBARN's

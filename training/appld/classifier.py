@@ -55,17 +55,17 @@ def train(
     is_held_out = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = None
     if is_held_out.any() and not is_held_out.all() and contexts > 1:
-        probe_weights = _fit(scans[~is_held_out], labels[~is_held_out], contexts, seed, layout)
-        held_out = _accuracy(probe_weights, scans[is_held_out], labels[is_held_out])
-    weights = _fit(scans, labels, contexts, seed, layout)
+        probe_weights = fit(scans[~is_held_out], labels[~is_held_out], contexts, seed, layout)
+        held_out = accuracy(probe_weights, scans[is_held_out], labels[is_held_out])
+    weights = fit(scans, labels, contexts, seed, layout)
     return weights, {
-        "accuracy": _accuracy(weights, scans, labels),
+        "accuracy": accuracy(weights, scans, labels),
         "held_out": held_out,
         "instants": len(labels),
     }
 
 
-def _fit(
+def fit(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout
 ) -> ClassifierWeights:
     """Return the weights of a network trained on scans (n, beams) with labels (n,)."""
@@ -118,7 +118,7 @@ def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.n
     return np.asarray(noisy_scans, np.float32)
 
 
-def _accuracy(weights: ClassifierWeights, scans: np.ndarray, labels: np.ndarray) -> float:
+def accuracy(weights: ClassifierWeights, scans: np.ndarray, labels: np.ndarray) -> float:
     """Return the share of scans (n, beams) whose label (n,) a network finds."""
     scores = forward(layers_of(weights), scans)
     found_labels = np.argmax(scores, axis=1)

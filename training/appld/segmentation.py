@@ -116,7 +116,7 @@ def find(
 
     by_context = pandas.DataFrame(all_features).groupby(np.repeat(contexts, lengths))
     context_means = by_context.mean().to_numpy()
-    return Contexts(labelled, _names(context_means), context_means)
+    return Contexts(labelled, names_of(context_means), context_means)
 
 
 def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
@@ -131,7 +131,7 @@ def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
     return list(map(int, search.predict(pen=changepoint_cost)))
 
 
-def _names(means: np.ndarray) -> List[str]:
+def names_of(means: np.ndarray) -> List[str]:
     """Return a number and distinguishing words for each context, such as "1 open, wide, fast"."""
     usual_speed, usual_turning, usual_ahead, usual_near_side, _ = np.median(means, axis=0)
     names = []

@@ -65,11 +65,12 @@ class Maker:
     def _builds_of(self, message_type: str) -> Dict[str, Build]:
         """Return {field: function that builds it} of a type."""
         if message_type.startswith("applr_ros1/") and message_type not in self.store.types:
-            self._register_own()
+            self.register_own()
         _, described_fields = self.store.fielddefs[message_type]
         return {name: self._build(description) for name, description in described_fields}
 
-    def _register_own(self) -> None:
+    def register_own(self) -> None:
+        """Let the store know the definitions of this package's messages."""
         for message_name in ("Parameters", "Movers", "Decision"):
             definition = (MESSAGES / f"{message_name}.msg").read_text(encoding="utf-8")
             self.store.register(get_types_from_msg(definition, f"applr_ros1/msg/{message_name}"))

@@ -292,13 +292,13 @@ def warm_starts(robot: Robot) -> np.ndarray:
             shipped_set = space_of(other_robot).read(methods.shipped(methods.SET, other_robot))
             action = transferred(shipped_set.theta, other_robot, robot)
             if obstacle_range.NAME in space.names:
-                action = np.append(action, _range_action(shipped_set, other_robot, space, robot))
+                action = np.append(action, range_action(shipped_set, other_robot, space, robot))
             starts.append(space.to_theta(action))
             starts.append(space.to_theta(0.5 * (action + defaults)))
     return np.array(starts)
 
 
-def _range_action(
+def range_action(
     parameter_set: ParameterSet, from_robot: Robot, space: Space, to_robot: Robot
 ) -> float:
     """Return the action of the obstacle range, the last parameter of `space`, in a robot's set.

@@ -96,7 +96,7 @@ class MoveBaseNode:
         self._odometry_frame = prefix + slash + odometry_frame
         self._frame_restart = FrameRestart()
         self.loop = ControlLoop(
-            self._cycle,
+            self.cycle,
             lambda: self.move_base.frequency,
             self._clock_went_back,
             self._clock_stalled,
@@ -164,7 +164,7 @@ class MoveBaseNode:
             self.loop.run()
 
     # -- one cycle ---------------------------------------------------------------------------------
-    def _cycle(self, stamp: rospy.Time) -> None:
+    def cycle(self, stamp: rospy.Time) -> None:
         """Run one control cycle at ROS time `stamp`."""
         now = stamp.to_sec()
         move_base = self.move_base

@@ -119,7 +119,7 @@ def main() -> int:
     with contextlib.ExitStack() as exit_stack:
         try:
             with private_nodes(setup.passed) as nodes:
-                _drive(nodes, setup, result)
+                drive_course(nodes, setup, result)
                 exit_stack.enter_context(announced("ending the nodes", report))
         except ApplrError as problem:
             report(result.setdefault("reason", str(problem)))
@@ -192,7 +192,7 @@ def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
     return dataclasses.replace(world, course=course)
 
 
-def _drive(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> None:
+def drive_course(nodes: LaunchedNodes, setup: DemoSetup, result: Dict[str, Any]) -> None:
     """Drive the course, complete the result, and write the page."""
     values = setup.values
     start_time = time.monotonic()

@@ -31,6 +31,8 @@ LARGEST_F32 = float(np.finfo(np.float32).max)
 # Bounds of a full pass [m].
 EVERYWHERE = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
 FEW = 4096  # largest number of changed obstacle cells that are repaired instead of recomputed
+QUEUE_ENTRIES = 1 << 16  # entries for which the queue has room until it must grow
+LOST_CELLS = 1 << 15  # cells that a repair may remove; with more the spread starts anew
 
 
 @dataclass
@@ -108,8 +110,8 @@ class InflationLayer:
         # Scratch memory.
         self._touched = np.zeros(columns, np.uint8)
         self._changed = np.empty(FEW, np.int64)
-        self._queue = np.empty((4, 1 << 16), np.int32)
-        self._lost = np.empty(1 << 15, np.int64)
+        self._queue = np.empty((4, QUEUE_ENTRIES), np.int32)
+        self._lost = np.empty(LOST_CELLS, np.int64)
         self._make_tables()
 
     def _allocate_spread(self, level_type: Type[np.integer], link_type: Type[np.integer]) -> None:

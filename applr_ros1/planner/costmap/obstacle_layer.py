@@ -189,7 +189,7 @@ class ObstacleLayer:
             source.max_obstacle_height,
             self.parameters.max_obstacle_height,
         )
-        _observe(self.cells, self.origin, self.resolution, rays, clearing, marking, touched)
+        observe(self.cells, self.origin, self.resolution, rays, clearing, marking, touched)
 
     def write(self, base: np.ndarray, window: Window, pose: Pose, footprint: np.ndarray) -> None:
         """Clear under the robot, then write the layer into the window of `base`."""
@@ -261,7 +261,7 @@ def _touch_footprint(footprint: Data, pose: Pose, bounds: Data) -> None:
 
 
 @kernel(error_model="numpy")
-def _observe(
+def observe(
     cells: Data,
     origin: Data,
     resolution: float,

@@ -39,9 +39,14 @@ class Navfn:
     Keeps navfn's cost array up to date with the costmap. The last plan is reused until a cell that
     the last flood read has changed. A flood covers only the part of the map on which the plan
     depends (window.py).
+
+    Attributes:
+        fence: First column and row, last column and row of the last flood; None if it covered the
+            whole map.
     """
 
     def __init__(self, list_size: int = LIST_SIZE):
+        self.fence: Optional[Window] = None
         self._costmap: Any = None
         self._cells: Any = None  # cells of the costmap; a resized costmap has another array
         self._list_size = list_size
@@ -61,9 +66,9 @@ class Navfn:
         self._costs.reshape(rows, columns)[1:-1, 1:-1] = 0
 
         self._field = make_field(columns * rows)
-        self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
+        self._lines = np.zeros(len(self.flooded_potential) // LINE, np.uint8)
         self._scratch = scratch(self._list_size)
-        self._fence: Any = None  # fence of the last flood; None if it covered the whole map
+        self.fence = None
         self._flooded = (-1, -1)  # cells of robot and goal of the last flood
 
         self._path = np.empty((4 * columns, 2), np.float32)
@@ -71,7 +76,11 @@ class Navfn:
         self._plan = _NO_PLAN
 
     @property
-    def _potential(self) -> np.ndarray:
+    def flooded_potential(self) -> np.ndarray:
+        """Potential (n,) float32 of the last flood, row by row, 1e10 in unreached cells.
+
+        It is final inside the fence alone, and a few more cells follow those of the map.
+        """
         return self._field[::2]  # A stored view would become a separate array in a deep copy.
 
     @property
@@ -81,9 +90,9 @@ class Navfn:
         It is flooded over the whole map.
         """
         columns, rows = self._costmap.size
-        if self._fence is not None:
+        if self.fence is not None:
             self._flood_within()
-        return self._potential[: columns * rows].reshape(rows, columns)
+        return self.flooded_potential[: columns * rows].reshape(rows, columns)
 
     @property
     def costs(self) -> np.ndarray:
@@ -161,7 +170,7 @@ class Navfn:
         # A tolerance reads potentials around the goal, and short lists lose pushes: both get no
         # fence.
         needs_whole_map = tolerance > 0 or self._list_size < LIST_SIZE
-        covers_enough = self._fence is None or not needs_whole_map
+        covers_enough = self.fence is None or not needs_whole_map
         is_reusable = covers_enough and self._flooded == (robot, goal)
         if is_reusable and not is_stale:
             return
@@ -175,7 +184,7 @@ class Navfn:
     def _flood_within(self, fence: Optional[Window] = None) -> None:
         """Flood between the cells of `_flooded` inside a fence, or the whole map without one."""
         columns, rows = self._costmap.size
-        self._fence = fence
+        self.fence = fence
         reset(self._field, self._lines)
         if fence is not None:
             window.set_fence(self._field, self._costs, columns, fence, window.CLOSED)
@@ -189,7 +198,7 @@ class Navfn:
         origin_x, origin_y = costmap.origin.tolist()
         resolution = costmap.resolution
         target_cell, target_x, target_y = target_of(
-            self._potential,
+            self.flooded_potential,
             origin_x,
             origin_y,
             resolution,
@@ -202,10 +211,10 @@ class Navfn:
         if target_cell < 0:
             return _NO_PLAN
         robot = self._flooded[0]
-        point_count = trace(self._potential, columns, rows, target_cell, robot, self._path)
+        point_count = trace(self.flooded_potential, columns, rows, target_cell, robot, self._path)
 
         # Beside the fence, the potential may differ from that of the whole map.
-        fence = self._fence
+        fence = self.fence
         if fence is not None:
             is_inside = window.keeps_inside(self._path, point_count, columns, rows, fence)
             if point_count == 0 or not is_inside:

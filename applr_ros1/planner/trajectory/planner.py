@@ -58,6 +58,9 @@ class TrajectoryPlanner(SamplingPlanner):
             within it.
         meter_scoring: whether the two distance weights are per metre instead of per cell.
 
+    Attributes:
+        footprint: see above.
+
     Raises:
         ParameterError: a parameter is invalid.
     """
@@ -74,7 +77,7 @@ class TrajectoryPlanner(SamplingPlanner):
         sim_period: float = 0.05,
         meter_scoring: bool = True,
     ):
-        self._footprint = np.ascontiguousarray(footprint, dtype=np.float64).reshape(-1, 2)
+        self.footprint = np.ascontiguousarray(footprint, dtype=np.float64).reshape(-1, 2)
         self._meter_scoring = bool(meter_scoring)
         self._sim_period = float(sim_period)
         self._plan = NO_PLAN
@@ -259,13 +262,13 @@ class TrajectoryPlanner(SamplingPlanner):
         if self._take_map_size(costmap):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)
-            self._lines = line_offsets(self._footprint, self._resolution, nx)
+            self._lines = line_offsets(self.footprint, self._resolution, nx)
         return TrajectoryScene(
             cells=costmap.cells,
             ox=float(costmap.origin[0]),
             oy=float(costmap.origin[1]),
             resolution=self._resolution,
-            footprint=self._footprint,
+            footprint=self.footprint,
             lines=self._lines,
             plan=self._plan,
         )

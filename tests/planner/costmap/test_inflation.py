@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from applr_ros1.planner.costmap import brushfire
+from applr_ros1.planner.costmap import brushfire, inflation_layer
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters, cost_at
 from tests.support.scenes import inflate
 from tests.support.seeds import examples
@@ -229,14 +229,15 @@ def test_new_parameters_change_all_costs():
     assert master[10, 18] == cost_at(8, 0.05, 0.265, 10.0)
 
 
-def test_short_queues_are_survived():
+def test_short_queues_are_survived(monkeypatch):
     """If many obstacles change at once, the queue grows or the spread starts anew."""
     rng = np.random.default_rng(3)
-    layer = make(150, 150, InflationParameters(0.3, 3.0))
+    # Both are too short for what comes, in this layer alone.
+    with monkeypatch.context() as short:
+        short.setattr(inflation_layer, "QUEUE_ENTRIES", 75)
+        short.setattr(inflation_layer, "LOST_CELLS", 250)
+        layer = make(150, 150, InflationParameters(0.3, 3.0))
     expected = blank(150, 150)
-    # Too short for what comes, so that they must grow.
-    layer._queue = np.empty((4, 75), np.int32)
-    layer._lost = np.empty(250, np.int64)
     master = blank(150, 150)
     for fill in (0.02, 0.1, 0.0, 0.05):
         is_obstacle = rng.random(expected.shape) < fill

@@ -102,10 +102,10 @@ def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
 
 def test_integer_parameters_do_not_compile_a_new_kernel():
     observe_point(layer_of((-2.5, -2.5), Source()), 1.02, 0.02)
-    signature_count = len(obstacle_layer._observe.dispatcher.signatures)
+    signature_count = len(obstacle_layer.observe.dispatcher.signatures)
     of_integers = Source(obstacle_range=2, raytrace_range=3, clearing=1)
     observe_point(layer_of((-2.5, -2.5), of_integers), 1.02, 0.02)
-    assert len(obstacle_layer._observe.dispatcher.signatures) == signature_count
+    assert len(obstacle_layer.observe.dispatcher.signatures) == signature_count
 
 
 @pytest.mark.parametrize(

@@ -277,11 +277,11 @@ def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
 
             # Then: plans are equal, and so are the potentials inside the fence
             np.testing.assert_array_equal(plan, expected_plan)
-            if fenced._fence is not None:
+            if fenced.fence is not None:
                 fenced_count += 1
-                x0, y0, x1, y1 = fenced._fence
+                x0, y0, x1, y1 = fenced.fence
                 within = np.s_[y0 + 2 : y1 - 1, x0 + 2 : x1 - 1]
-                fenced_potential = fenced._potential[: nx * ny].reshape(ny, nx)
+                fenced_potential = fenced.flooded_potential[: nx * ny].reshape(ny, nx)
                 np.testing.assert_array_equal(
                     fenced_potential[within],
                     full.potential[within],

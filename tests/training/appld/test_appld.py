@@ -332,9 +332,9 @@ def test_a_rare_context_counts_as_much_as_a_frequent_one(monkeypatch):
 
 def test_every_fifth_block_of_forty_instants_is_held_out(monkeypatch):
     # Given: a classifier whose weights are the number of its scans
-    monkeypatch.setattr(appld_classifier, "_fit", lambda scans, *others: len(scans))
+    monkeypatch.setattr(appld_classifier, "fit", lambda scans, *others: len(scans))
     monkeypatch.setattr(
-        appld_classifier, "_accuracy", lambda weights, scans, labels: (weights, scans.tolist())
+        appld_classifier, "accuracy", lambda weights, scans, labels: (weights, scans.tolist())
     )
     instants = np.arange(410)
     labels = instants % 2
@@ -355,7 +355,7 @@ def test_contexts_are_named_by_what_distinguishes_them_from_the_usual_one():
             (0.4, 0.6, 1.0, 0.5, 2.0),
         ]
     )
-    assert contexts._names(means) == [
+    assert contexts.names_of(means) == [
         "1 open, wide, fast",
         "2 close ahead, wide, slow",
         "3 close ahead, narrow, slow, turning",

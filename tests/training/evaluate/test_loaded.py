@@ -70,7 +70,7 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     assert bool(requested_servers) != loaded
     assert runner.simulated.stack.escapes != loaded
     # The planner has the outline of the robot's files, and reads its slowest turn at the start.
-    half_sides = np.abs(move_base.local_planner.planner._footprint).max(axis=0)
+    half_sides = np.abs(move_base.local_planner.planner.footprint).max(axis=0)
     assert half_sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
     length, _ = np.ptp(move_base.local_costmap.footprint, axis=0)
     assert length == pytest.approx(0.42 + 2 * in_maps)
