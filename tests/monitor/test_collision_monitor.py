@@ -19,7 +19,7 @@ from applr_ros1.monitor.monitor import (
 )
 from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck, geometry_fault
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import BaseMotion, penetration
+from applr_ros1.monitor.stopping import BaseMotion, half_planes, penetration
 from applr_ros1.robots import JACKAL
 from tests.monitor.scenes import (
     AT_REST,
@@ -615,6 +615,19 @@ def test_a_pose_beyond_a_million_metres_or_radians_is_a_stop(axis, value, is_sto
     verdict = monitor.filter(0.0, pose, AT_REST, STRAIGHT_ON)
     assert (verdict.action == STOP) == is_stop
     assert ("too far away: check the odometry" in verdict.reason) == is_stop
+
+
+def test_the_depth_inside_a_body_whose_sides_differ():
+    # A body with its longest side on the left: x from -0.2 to 0.4 m, y from -0.1 to 0.3 m
+    planes = half_planes([(-0.2, -0.1), (0.4, -0.1), (0.4, 0.3), (-0.2, 0.3)])
+    for point, depth in (
+        ((0.0, 0.25), 0.05),
+        ((0.0, -0.15), -0.05),
+        ((0.35, 0.1), 0.05),
+        ((-0.25, 0.1), -0.05),
+    ):
+        assert penetration(planes, 0.0, *point) == pytest.approx(depth)
+        assert penetration(planes, 0.02, *point) == pytest.approx(depth + 0.02)
 
 
 def test_the_scale_is_the_largest_safe_one():

@@ -189,6 +189,8 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
         cycle = step(move_base, robot)
         result = cycle.result
         command = cycle.command or STOP
+        if robot.time < 0.6:
+            assert not move_base.local_planner.escapes_ended
         move_base.report_held(command not in (STOP, free))
         cycles.append((robot.time, cycle))
         commands.append((robot.time, command))
