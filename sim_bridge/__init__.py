@@ -12,9 +12,15 @@ from applr_ros1.robots import Robot, load
 
 from .simulator import Randomisation, RobotState, Simulator
 
-__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "make"]
+__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "check_name", "make"]
 
 NAMES = ("pybullet", "kinematic")
+
+
+def check_name(name: str) -> None:
+    """Raise ApplrError if there is no simulator of this name."""
+    if name not in NAMES:
+        raise ApplrError(f"simulator {name!r} is unknown: give {' or '.join(NAMES)}")
 
 
 def make(name: str, robot: Union[Robot, str, None] = None, **randomisation: Any) -> Simulator:
@@ -28,8 +34,7 @@ def make(name: str, robot: Union[Robot, str, None] = None, **randomisation: Any)
     Raises:
         ApplrError: There is no such simulator or robot, or an argument is invalid.
     """
-    if name not in NAMES:
-        raise ApplrError(f"simulator {name!r} is unknown: give {' or '.join(NAMES)}")
+    check_name(name)
     described = load(robot) if isinstance(robot, str) else robot
     if name == "pybullet":  # Imported only here: the kinematic simulator works without pybullet.
         from .pybullet_simulator import PybulletSimulator

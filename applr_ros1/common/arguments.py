@@ -26,8 +26,10 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
     if is_number and low <= value <= high:
         return value  # type: ignore[no-any-return]  # an int stays an int
     requirement = "a number"
-    if math.isfinite(low) or math.isfinite(high):
+    if math.isfinite(high):
         requirement += f" from {low:g} to {high:g}"
+    elif math.isfinite(low):
+        requirement += f" of at least {low:g}"
     raise ApplrError(f"{name} is {shown(value)}: give {requirement}")
 
 

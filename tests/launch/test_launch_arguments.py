@@ -277,7 +277,14 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
             ["page:=/no/such/folder/a.html"],
             "give a .html file in a folder that can be written",
         ),
+        (demo, ["map:=maybe"], "map is maybe: give true or false"),
+        (demo, ["black_box:=2"], "black_box is 2: give true or false"),
+        (demo, ["max_speed:=fast"], "max_speed is 'fast': give a number"),
+        (demo, ["max_speed:=-1"], "max_speed is -1"),
+        (demo, ["simulator:=gazeboo"], "simulator 'gazeboo' is unknown: give pybullet or kin"),
+        (demo, ["map:=true"], "has no move_base.with_map: give its files for a map"),
         (play, ["robot:=foo"], "robot foo: give"),
+        (play, ["rviz:=maybe"], "rviz is maybe: give true or false"),
     ],
 )
 def test_a_wrong_argument_is_one_line_before_anything_starts(

@@ -51,12 +51,18 @@ from applr_ros1.nodes.conversions import GOAL_STATES, Reading, pose_stamped, rea
 from applr_ros1.nodes.move_base.reports import SKIPPED
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import declaration, space_of
-from applr_ros1.robots import Robot, geometry, load
-from applr_ros1.robots.robot_world import world_of
+from applr_ros1.robots import Robot, geometry
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from .bag_recorder import BagRecorder
-from .launcher import LaunchedNodes, given_arguments, launch_arguments, private_nodes, report
+from .launcher import (
+    LaunchedNodes,
+    given_arguments,
+    launch_arguments,
+    private_nodes,
+    report,
+    scene_of,
+)
 from .machine_load import LATE, MachineLoad
 from .send_goal import course_goal
 
@@ -134,7 +140,7 @@ def prepare(words: Sequence[str]) -> DemoSetup:
         ApplrError: An argument is invalid.
     """
     defaults = launch_arguments()
-    given_values = given_arguments(words, (*defaults, *EXTRA))
+    given_values = given_arguments(words, defaults, EXTRA)
     # A demo can be repeated.
     values = {**defaults, **EXTRA, "seed": "0", **given_values}
     is_simulated = boolean("sim", values["sim"])
@@ -157,9 +163,8 @@ def prepare(words: Sequence[str]) -> DemoSetup:
             raise ApplrError(f"page is {values['page']}: {advice}")
 
     # An invalid robot, method or world is an error before anything starts.
-    robot = load(values["robot"])
+    robot, world = scene_of(values)
     values["method"] = methods.make(values["method"], robot).name
-    world = world_of(values["world"], robot)
     values["sent"] = course_goal(world.course)
     if values["goal"] != "auto":
         values["sent"] = pose("goal", values["goal"])

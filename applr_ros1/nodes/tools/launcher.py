@@ -17,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from typing import Any, Callable, Collection, Dict, Iterator, List, Sequence
+from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 import rosgraph
 import roslaunch.arg_dump
@@ -25,10 +25,14 @@ import roslaunch.rlutil
 import rospy
 from rosgraph.names import load_mappings
 
+import sim_bridge
+from applr_ros1.common.arguments import boolean, number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.policy import methods
-from applr_ros1.robots import NAMES
+from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robots.robot_world import world_of
+from worlds import World
 
 # Longest wall time for a part to start, with the compilation of kernels on a busy machine [s]
 UP_WITHIN_S = 900.0
@@ -56,14 +60,22 @@ def launch_arguments() -> Dict[str, Any]:
     return {name: default for name, (_, default) in declarations.items()}
 
 
-def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, str]:
+def given_arguments(
+    words: Sequence[str], of_launch_file: Mapping[str, Any], others: Collection[str] = ()
+) -> Dict[str, str]:
     """Parse ARG:=VALUE into {name: value}, without ROS's own arguments such as __name:=N.
 
     Paths become absolute, because the nodes run in another folder.
 
+    Args:
+        words: The words of a command line.
+        of_launch_file: Arguments of the launch file, as {name: default}.
+        others: Names of further arguments, which the program checks itself.
+
     Raises:
-        ApplrError: An argument is unknown or has no value.
+        ApplrError: An argument is unknown, has no value, or one of another kind than its default.
     """
+    known = (*of_launch_file, *others)
     for word in words:
         argument_name, separator, value = word.partition(":=")
         is_known = argument_name in known or argument_name.startswith("_")
@@ -74,12 +86,46 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
             raise ApplrError(f"{argument_name} is empty: give a value or omit it")
     # ROS's own parser, so that words mean the same as on roslaunch's command line.
     arguments: Dict[str, str] = load_mappings(words)
+    for argument_name in set(of_launch_file) & set(arguments):
+        _check_kind(argument_name, arguments[argument_name], str(of_launch_file[argument_name]))
     if "method" in arguments:
         arguments["method"] = methods.absolute(arguments["method"])
     for argument_name in {"robot", "world", "record"} & set(arguments):
         if _is_path(argument_name, arguments[argument_name]):
             arguments[argument_name] = os.path.abspath(arguments[argument_name])
     return arguments
+
+
+def _check_kind(name: str, value: str, default: str) -> None:
+    """Raise ApplrError if a default is a switch or a number, and a value is not.
+
+    roslaunch would report it with a part of the launch file, or a node when it starts.
+    """
+    if default in ("true", "false"):
+        boolean(name, value)
+    elif isinstance(_read(default), float):
+        number_within(name, _read(value), 0.0)
+
+
+def _read(text: str) -> Union[float, str]:
+    """Return a text as a number if it is one."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def scene_of(arguments: Mapping[str, Any]) -> Tuple[Robot, World]:
+    """Return the robot and the world that arguments {name: value} choose for a simulated drive.
+
+    Raises:
+        ApplrError: There is no such robot, world or simulator, or the robot cannot drive on a map.
+    """
+    robot = load(arguments["robot"])
+    if boolean("map", arguments["map"]):
+        robot.on_map()
+    sim_bridge.check_name(arguments["simulator"])
+    return robot, world_of(arguments["world"], robot)
 
 
 def _is_path(name: str, value: str) -> bool:

@@ -18,11 +18,9 @@ from typing import List
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
 
-import worlds
 from applr_ros1.nodes.viewer import admission
-from applr_ros1.robots import geometry, load
 
-from .launcher import given_arguments, launch_arguments, private_nodes, report
+from .launcher import given_arguments, launch_arguments, private_nodes, report, scene_of
 
 
 def main() -> None:
@@ -48,8 +46,7 @@ def main() -> None:
     arguments = {"viewer": "true", "goal": "none", **given_arguments(options.words, defaults)}
 
     # An invalid robot or world is an error before anything starts.
-    robot = load(arguments.get("robot", defaults["robot"]))
-    worlds.load(arguments.get("world", defaults["world"]), geometry.radius(robot))
+    scene_of({**defaults, **arguments})
 
     # Any local user or website can write to the parameter server: only an address on 127.0.0.1 with
     # this program's token is accepted.
