@@ -18,6 +18,7 @@ from tests.monitor.scenes import (
     AT_REST,
     BEAMS,
     BEHIND,
+    BRAKES_WELL,
     FRONT,
     HERE,
     SETTINGS,
@@ -567,6 +568,19 @@ def test_a_base_that_rolls_back_may_reverse_at_once():
     at_rest, rolling_back = commands
     assert rolling_back == at_rest
     assert 0.1 < at_rest[0] < 1.0
+
+
+def test_a_base_that_drives_on_is_not_taken_for_one_that_turns_on_the_spot():
+    """A turn on the spot would meet the post beside the body before the base can be braked."""
+    actions = []
+    for v in (0.8, 0.0):
+        monitor = CollisionMonitor(BRAKES_WELL)
+        monitor.add_scan(scan_of([(0.1, 0.27)], HERE, 0.0))
+        # All space is observed.
+        monitor.seen.cells[:] = 1
+        verdict = monitor.filter(0.0, HERE, (v, 1.5), (0.3, 0.0))
+        actions.append(verdict.action)
+    assert actions == [SLOW, STOP]
 
 
 # Smallest and largest doubles, and what is no number

@@ -379,6 +379,14 @@ def test_six_identical_scans_of_a_robot_that_drives_or_turns_are_frozen(motion, 
     assert ("frozen" in faults[5]) == is_frozen
 
 
+def test_a_heading_beside_the_half_turn_changes_little_across_it():
+    """From 3.14 to -3.14 rad the robot turns by 3 mrad: its scanner is not frozen."""
+    check = ScannerCheck()
+    scan = scan_of(wall(3.0), HERE)
+    for yaw in (3.14, -3.14) * 5:
+        assert check.fault(replace(scan, sensor_pose=(0.0, 0.0, yaw))) == ""
+
+
 def test_a_scanner_is_blind_from_95_percent_of_invalid_ranges_on():
     # 95 % of 720 beams are 684. range_min is 0.1 m.
     for invalid_beams, is_blind in ((683, False), (684, True)):

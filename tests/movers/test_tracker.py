@@ -408,6 +408,13 @@ def crossing(time):
     return [(2.4, -1.0 + time, 0.3)]
 
 
+def test_without_moving_obstacles_all_columns_are_empty():
+    scene = Scene()
+    movers = scene.tracker.update(scene.scan(0.0))
+    assert [len(column) for column in movers] == [0] * len(movers)
+    assert movers.covariance.shape == (0, 3)
+
+
 def test_older_and_tilted_scans_are_ignored():
     scene = Scene()
     time, known = scene.watch(1.0, movers=crossing)[-1]

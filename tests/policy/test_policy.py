@@ -507,6 +507,15 @@ def test_a_set_and_a_policy_say_up_to_which_range_obstacles_must_be_marked(tmp_p
         assert methods.obstacle_range(spec, robots.JACKAL) is None
 
 
+def test_random_parameters_are_drawn_evenly_from_the_whole_ranges():
+    method = methods.make("random")
+    actions = np.array([SPACE.to_action(method.theta(None)) for _ in range(400)])
+    assert (actions.min(axis=0) < -0.9).all()
+    assert (actions.max(axis=0) > 0.9).all()
+    # The mean of 400 even draws from -1 to 1 has a standard deviation of 0.03.
+    assert (np.abs(actions.mean(axis=0)) < 0.15).all()
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -386,6 +386,12 @@ def test_a_parameter_file_that_cannot_be_read_is_one_line(tmp_path):
         load(folder)
 
 
+def test_a_robot_whose_files_name_no_local_planner_drives_with_move_bases_default(tmp_path):
+    named = "base_local_planner: base_local_planner/TrajectoryPlannerROS\n"
+    folder = changed(tmp_path / "mine", "jackal", MOVE_BASE, named, "")
+    assert load(folder).local_planner == "TrajectoryPlannerROS"
+
+
 # Robot, file, text and mistake, as in the rows above, and the line about it
 WRONG = ("turtlebot3_burger", BURGER, "max_vel_theta: 2.75", "max_vel_theta: .inf")
 LINE = "/mine: DWAPlannerROS/max_vel_theta is inf: give a finite number"

@@ -92,6 +92,17 @@ def test_a_robot_whose_mass_lies_right_above_its_axle_stands():
             assert problem.startswith("body.com is ")
 
 
+def test_each_default_of_robot_yaml_could_be_written_into_the_file():
+    """pydantic checks the values of a file, but not its defaults."""
+    jackal = robots.load("jackal")
+    for section in (jackal.base, jackal.body, jackal.laser, jackal.odometry, jackal.simulation):
+        values = section.model_dump()
+        for name, field in type(section).model_fields.items():
+            if not field.is_required():
+                values[name] = field.default
+        assert type(section)(**values).model_dump() == values
+
+
 def test_a_space_that_robot_yaml_does_not_state_follows_from_base_and_body():
     burger = robots.load("turtlebot3_burger")
     max_speed = burger.base.max_speed

@@ -277,6 +277,24 @@ def test_latency_delays_the_response():
     assert np.allclose(prompt_speeds[:10], late_speeds[2:], atol=0.01)
 
 
+@pytest.mark.parametrize("late_steps", range(12))
+def test_a_late_command_comes_into_force_in_the_same_step_however_the_time_is_divided(late_steps):
+    # A step of physics lasts for 1/240 s, and twelve of them for a cycle. In one of these cases the
+    # command comes into force in the last step of a cycle.
+    poses = []
+    for steps in (1, 12):
+        simulator = sim_bridge.make("kinematic", latency=late_steps / 240.0)
+        simulator.reset(OPEN, 0)
+        simulator.command(0.5, 0.0)
+        for _ in range(48 // steps):
+            state = simulator.advance(steps / 240.0)
+        poses.append(state.pose)
+    in_single_steps, in_twelves = poses
+    x, _, _ = in_twelves
+    assert x > 0.01
+    assert in_twelves == pytest.approx(in_single_steps, abs=1e-9)
+
+
 def speeds_with_latency(latency):
     """Return the speeds (12,) [m/s] of a robot that accelerates for 0.6 s."""
     simulator = sim_bridge.make("kinematic", latency=latency)
@@ -337,6 +355,30 @@ def test_the_body_in_pybullet_is_the_described_box(name):
     centre = (lowest + highest) / 2
     assert centre[:2] == pytest.approx(robot.body.centre, abs=1e-3)
     client.disconnect()
+
+
+def with_mass_at(*place):
+    """Return PyBullet's simulator of a Jackal whose body has its centre of mass at x, y, z [m]."""
+    body = JACKAL.body.model_copy(update={"com": place})
+    return sim_bridge.make("pybullet", replace(JACKAL, body=body))
+
+
+def test_a_robot_with_its_mass_on_one_side_stands_where_it_was_placed():
+    simulator = with_mass_at(0.0, 0.05, 0.08)
+    for start in ((1.0, 2.0, pi / 2), (1.0, 2.0, 0.0)):
+        simulator.reset(small_world(start=start), 0)
+        assert simulator.advance(0.1).pose == pytest.approx(start, abs=1e-3)
+    simulator.close()
+
+
+def test_a_robot_that_falls_over_is_reported():
+    # Its mass is a metre above the ground, and the axles are 0.26 m apart.
+    simulator = with_mass_at(0.0, 0.0, 1.0)
+    simulator.reset(OPEN, 0)
+    assert not simulator.advance(STEP).flipped
+    assert drive(simulator, 2.0, 0.0, 1.0).flipped
+    assert not simulator.reset(OPEN, 0).flipped
+    simulator.close()
 
 
 def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):

@@ -205,6 +205,14 @@ def test_there_are_no_events_without_a_goal():
     assert kinds(replace(waits_first, goals=[])) == []
 
 
+def test_a_robot_has_its_goal_from_the_first_to_the_last_moment_of_it():
+    drive = drive_of(DRIVES)
+    times = drive.odometry.time
+    goal = Goal("one", float(times[20]), float(times[40]))
+    is_pursued = events.pursued(replace(drive, goals=[goal]), drive.odometry)
+    assert np.flatnonzero(is_pursued).tolist() == list(range(20, 41))
+
+
 def test_events_that_follow_each_other_at_one_place_are_one_trap():
     a_little_on = [(0.3, 0.0)] * 20  # 0.3 m in a second
     one_place = drive_of(DRIVES + STANDS + a_little_on + STANDS * 2 + DRIVES)

@@ -266,6 +266,17 @@ def test_a_sim_time_that_leads_past_the_end_of_the_plan_is_named(sound):
     assert words.endswith("acc_lim_x 10, sim_time 10 before the end of the plan)")
 
 
+def test_the_end_of_a_plan_is_named_only_if_it_is_too_near_for_full_speed():
+    slow = (0.1, 0.0)
+    cycle = cycle_of(command=slow)
+    # In the two seconds of sim_time, 0.2 m/s lead to the first end, and full speed to the second.
+    for row_count, is_named in ((5, True), (11, False)):
+        near_end = replace(cycle, plan=cycle.plan[:row_count])
+        words = explained(near_end, [slow], [1.0]).words
+        assert words.startswith("no faster way is sampled than 0.10 m/s")
+        assert ("sim_time 2 before the end of the plan" in words) == is_named
+
+
 def test_samples_that_dwa_refuses_are_explained():
     """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower
     than min_vel_theta.

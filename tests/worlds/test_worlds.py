@@ -99,6 +99,40 @@ def test_the_path_of_the_physical_course_keeps_from_its_boxes():
     assert clearance(world, world.course.path).min() >= 0.3
 
 
+@pytest.mark.parametrize(
+    ("row_y", "first_x", "last_x"),
+    [
+        (3.2, 2.3, 4.0),  # 1.7 m on the right
+        (5.8, 0.0, 1.8),  # 1.8 m on the left
+        (8.2, 1.6, 2.5),  # the narrow part of 0.9 m
+        (8.8, 1.55, 2.45),
+        (9.4, 1.55, 2.45),
+        (13.6, 2.5, 4.0),  # 1.5 m on the right
+        (16.2, 0.9, 1.85),  # 0.95 m on the left
+        (7.0, 0.0, 4.0),  # the lane between two rows
+    ],
+)
+def test_each_row_of_the_physical_course_leaves_one_opening(row_y, first_x, last_x):
+    # From the middle of one wall to the middle of the other
+    x = np.arange(-0.15, 4.155, 0.01)
+    line = np.column_stack([x, np.full_like(x, row_y)])
+    is_free = clearance(worlds.load("physical_course"), line) > 0.005
+    free_x = x[is_free]
+    assert free_x.min() == pytest.approx(first_x, abs=0.03)
+    assert free_x.max() == pytest.approx(last_x, abs=0.03)
+    # Nothing stands within it: there is a point in each centimetre.
+    assert len(free_x) == pytest.approx((last_x - first_x) / 0.01, abs=6)
+
+
+@pytest.mark.parametrize("x", [0.01, 2.0, 3.99])
+def test_the_lane_of_the_physical_course_is_twenty_metres_long_and_closed_at_both_ends(x):
+    # Places beside the faces of both end walls, which are 0.3 m thick
+    y = np.array([-0.29, -0.01, 0.01, 19.99, 20.01, 20.29])
+    line = np.column_stack([np.full_like(y, x), y])
+    is_free = clearance(worlds.load("physical_course"), line) > 0.0
+    assert is_free.tolist() == [False, False, True, True, False, False]
+
+
 def test_the_distance_to_a_moving_obstacle_is_that_at_the_given_time():
     # Given: a cylinder that is at (2, 0) after two of four seconds
     mover = Mover(0.5, ((0.0, 0.0, 0.0), (4.0, 4.0, 0.0)))

@@ -101,6 +101,13 @@ def test_lying_shapes_are_read_and_shapes_overhead_are_not(tmp_path):
     assert sorted(box_on_its_side[3:]) == pytest.approx([0.5, 2.0])
 
 
+def test_a_leaning_cylinder_covers_its_side_and_the_discs_at_its_ends(tmp_path):
+    post = "<cylinder><radius>0.2</radius><length>2</length></cylinder>"
+    # It leans by 60 degrees: 2 m of side, of which 1.73 m are horizontal, and half of each disc.
+    world = world_of(tmp_path, model("leaning", f"0 0 0.5 0 {math.radians(60)} 0", post))
+    assert np.allclose(world.boxes, [[0.0, 0.0, 0.0, math.sqrt(3.0) + 0.2, 0.4]])
+
+
 def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
     body = (
         "<model name='m'><pose/><link name='l'><pose>0 0 0 0 0</pose>"

@@ -150,19 +150,14 @@ def test_beams_without_a_measurement_are_filled_as_for_a_policy(nothing):
     np.testing.assert_allclose(features[:, 2:], 1.0)
 
 
-@pytest.mark.parametrize(
-    ("speeds", "of_two"), [((1.0, 0.3, 1.0), [0, 1, 0]), ((1.0, 0.2, 0.5), [0, 1, 1])]
-)
-def test_changepoints_are_found_within_three_instants(speeds, of_two):
-    """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the
-    order of driving.
+def between_walls(speeds):
+    """Return a demonstration with these speeds (n,) [m/s] between walls: the slower the robot, the
+    nearer the walls.
     """
-    # Given: a drive with changes after 150 and 260 of 400 instants
-    count = 400
-    speed = np.repeat(speeds, (150, 110, 140))
+    count = len(speeds)
     rng = np.random.default_rng(0)
     range_noise = rng.normal(0, 0.01, (count, 720))
-    ranges = 3.0 * speed[:, None] - 0.4 + range_noise
+    ranges = 3.0 * speeds[:, None] - 0.4 + range_noise
     yaw_rate = rng.normal(0, 0.02, count)
     time = np.arange(count) * 0.05
     laser = JACKAL.laser
@@ -178,11 +173,20 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
         np.tile(fan, (count, 1)),
         list(ranges.astype(np.float32)),
     )
-    commands = Commands(time, np.column_stack([speed, yaw_rate]))
+    commands = Commands(time, np.column_stack([speeds, yaw_rate]))
     motion = Motion(time, time, np.zeros((count, 3)), commands.twist)
-    drive = demonstration.Demonstration(
+    return demonstration.Demonstration(
         "", scans, motion, commands, goal_pose=(0.0, 0.0, 0.0), source={}
     )
+
+
+@pytest.mark.parametrize(
+    ("speeds", "of_two"), [((1.0, 0.3, 1.0), [0, 1, 0]), ((1.0, 0.2, 0.5), [0, 1, 1])]
+)
+def test_changepoints_are_found_within_three_instants(speeds, of_two):
+    """Contexts have the order of driving."""
+    # Given: a drive with changes after 150 and 260 of 400 instants
+    drive = between_walls(np.repeat(speeds, (150, 110, 140)))
 
     # When: its contexts are sought
     segments = contexts.find([drive], JACKAL).segments
@@ -197,6 +201,13 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     in_two = contexts.find([drive], JACKAL, most=2)
     assert [segment.context for segment in in_two.segments] == of_two
     assert len(contexts.find([drive], JACKAL, most=0).names) == 3
+
+
+def test_a_demonstration_too_short_for_two_segments_is_one():
+    # A segment lasts for at least 1.5 s, which are 30 instants.
+    drive = between_walls(np.repeat([1.0, 0.3], (30, 29)))
+    (segment,) = contexts.find([drive], JACKAL).segments
+    assert (segment.first, segment.last) == (0, 59)
 
 
 @pytest.mark.slow

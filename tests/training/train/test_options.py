@@ -10,6 +10,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.actor import save
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.robots import JACKAL
+from sim_bridge.simulator import Randomisation
 from tests.support.robots import make_weights
 from tests.support.runs import one_line, toy
 from training.train import __main__ as train
@@ -83,6 +84,11 @@ def test_defaults_and_noise_are_the_documented_ones():
     assert rising.noise(0) == 0.0
     assert rising.noise(50) == pytest.approx(0.05)
     assert rising.noise(400) == pytest.approx(0.1)
+
+
+def test_without_options_nothing_differs_between_episodes():
+    randomisation = TrainConfig().environment()["randomisation"]
+    assert Randomisation(**randomisation) == Randomisation()
 
 
 def test_a_run_starts_at_a_parameter_set(tmp_path):
