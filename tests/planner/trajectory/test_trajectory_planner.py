@@ -63,7 +63,7 @@ def test_one_sample_is_one_value():
     """C++ divides by zero. This package's planner does not, but chooses the same velocity."""
     planner = make_planner(vx_samples=0, vtheta_samples=-3)
     result = planner.find_best_path(open_map(), ORIGIN, (0.3, 0, 0.1))
-    window = sampled_window(planner)
+    window = sampled_window(planner, np.array(PLAN))
     assert result.cost >= 0
     assert all(map(math.isfinite, window.values()))
     assert window["dvx"] == window["dvtheta"] == 0
