@@ -154,23 +154,35 @@ def _fixed(path: str, robot: Robot) -> FixedParameters:
 
 
 def _trained(robot: Robot) -> Method:
-    training = f", then `python -m training.train --recipe jackal --robot {robot.folder}`"
-    return actor.load(_existing("applr", POLICY, robot, training), robot)
+    command = f"./applr exec python -m training.train --recipe jackal --robot {robot.folder}"
+    # A robot without a tuned set may have none that is better than its default parameters.
+    if not os.path.exists(shipped(SET, robot)):
+        command += " --init-from dwa"
+    remedy = f"run `{command}`, and copy best.safetensors of its folder there"
+    return actor.load(_existing("applr", POLICY, robot, remedy), robot)
 
 
 def _tuned(robot: Robot) -> FixedParameters:
-    return _fixed(_existing("static", SET, robot), robot)
+    remedy = f"run {tuning(robot)}"
+    return _fixed(_existing("static", SET, robot, remedy), robot)
 
 
-def _existing(method: str, name: str, robot: Robot, next_step: str = "") -> str:
+def tuning(robot: Robot) -> str:
+    """Return the command that may find a better set, and what to do with the set."""
+    # The set of an included robot is not written into the robot's folder.
+    next_step = "give the static.json that it writes if the set is clearly better"
+    return f"`./applr tune {robot.folder}`, and {next_step}"
+
+
+def _existing(method: str, name: str, robot: Robot, remedy: str) -> str:
     """Return the path of a method's file in the robot's folder.
 
-    Raise ApplrError if there is none.
+    Raise ApplrError if there is none: it names a method that the robot has, and the remedy.
     """
     file_path = shipped(name, robot)
     if not os.path.exists(file_path):
-        remedy = f"run `./applr tune {robot.folder}`{next_step}"
-        raise ApplrError(f"{method}: there is no {file_path}: {remedy}")
+        problem = f"{method}: there is no {file_path}"
+        raise ApplrError(f"{problem}: choose the method {auto(robot)}, or {remedy}")
     return file_path
 
 
@@ -343,16 +355,35 @@ def make_user_method(module: str, name: str) -> Method:
 
     Raises ApplrError if it cannot be made.
     """
+    base_class = "applr_ros1.policy.methods.Method"
     try:
-        method = getattr(load_module(module), name)()
+        loaded_module = load_module(module)
+        has_class = hasattr(loaded_module, name)
+        method = getattr(loaded_module, name)() if has_class else None
     except Exception as error:  # The code of a user may raise anything.
         raise ApplrError(f"method {module}:{name} cannot be made: {one_line(error)}") from error
+    if not has_class:
+        class_names = _own_methods(loaded_module)
+        remedy = f"give {' or '.join(class_names)}"
+        if not class_names:
+            remedy = f"derive one from {base_class}"
+        raise ApplrError(f"method {module}:{name}: {module} has no class {name}: {remedy}")
     if not isinstance(method, Method):
-        base_class = "applr_ros1.policy.methods.Method"
         raise ApplrError(
             f"method {module}:{name} is not a subclass of {base_class}: derive it from that class"
         )
     return method
+
+
+def _own_methods(module: ModuleType) -> List[str]:
+    """Return the names of a user's classes in a module that are methods."""
+    class_names = []
+    for name, value in vars(module).items():
+        is_method = isinstance(value, type) and issubclass(value, Method)
+        # A user's module imports classes of this package to derive from them.
+        if is_method and not value.__module__.startswith("applr_ros1."):
+            class_names.append(name)
+    return class_names
 
 
 def load_module(module: str) -> ModuleType:

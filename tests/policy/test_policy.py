@@ -153,7 +153,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         ),
         (
             lambda: methods.make("static", robots.load("turtlebot3_burger")),
-            "no .*static.json: run `./applr tune",
+            "no .*static.json: choose the method dwa, or run `./applr tune .*`, and give",
         ),
         (
             lambda: local_goal(np.empty((0, 3)), (0.0, 0.0, 0.0)),

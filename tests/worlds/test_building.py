@@ -492,6 +492,19 @@ def test_maps_are_not_scaled_and_are_served_listed_and_drawn(office, tmp_path, m
     assert picture.stat().st_size > 10_000
 
 
+def test_a_picture_of_an_unknown_ending_is_refused_with_those_that_are_known(
+    tmp_path, monkeypatch, capsys
+):
+    picture = tmp_path / "x.txt"
+    monkeypatch.setattr("sys.argv", ["draw", "generated:3", str(picture)])
+    assert draw.main() == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"draw: {picture}: a picture cannot end in .txt: give one of ")
+    assert ", png, " in printed
+    assert printed.count("\n") == 1
+    assert not picture.exists()
+
+
 @pytest.mark.parametrize(
     ("robot", "name"),
     [

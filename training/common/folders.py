@@ -6,13 +6,24 @@ import fcntl
 import os
 from pathlib import Path
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, reason
 
 
 def make_folder(path: os.PathLike[str] | str) -> Path:
-    """Make the folder with its parents if it is missing, and return it."""
-    Path(path).mkdir(parents=True, exist_ok=True)
-    return Path(path)
+    """Make the folder with its parents if it is missing, and return it.
+
+    Raises:
+        ApplrError: There is a file of this name, or the folder cannot be made.
+    """
+    folder = Path(path)
+    if folder.exists() and not folder.is_dir():
+        raise ApplrError(f"{folder}: a file, not a folder; give another folder with --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        problem = f"{folder}: this folder cannot be made ({reason(error)})"
+        raise ApplrError(f"{problem}; give another folder with --out") from None
+    return folder
 
 
 class Lock:

@@ -14,8 +14,9 @@ from typing import Optional, Sequence
 
 from applr_ros1.common.errors import run_main
 from training.common.command_line import continuable, parsed
+from training.common.words import counted
 from training.evaluate.evaluation import EvaluationOptions, evaluate
-from training.evaluate.table import TRIALS
+from training.evaluate.table import TRIALS, read_trials
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -35,7 +36,10 @@ def run(options: EvaluationOptions) -> None:
     If stopped, report how to continue.
     """
     with continuable():
-        print(f"{len(evaluate(options))} trials in {os.path.join(options.out, TRIALS)}")
+        evaluate(options)
+        table_path = os.path.join(options.out, TRIALS)
+        # The table may have more trials than this command has asked for.
+        print(f"{counted(len(read_trials(table_path)), 'trial')} in {table_path}")
         if options.report:
             # Imported here, because pandas and scipy take seconds, which --help must not wait for.
             from training.evaluate.report import write

@@ -20,6 +20,7 @@ from training.common.command_line import RayAddress, Seed, SimulatorName, Worker
 from training.common.options import option
 from training.common.provenance import provenance
 from training.env.settings import PAPER, DriveSettings, TrialSettings
+from training.evaluate.differences import LOADED
 from training.evaluate.drive import drive
 from training.evaluate.runner import TrialWorld, content, content_of_worlds, run, world_list
 from training.evaluate.table import TrialTable
@@ -118,7 +119,7 @@ def settings(
     robot = options.robot
     planner: str = options.planner
     if options.loaded:
-        planner += ", started with the sets"
+        planner += LOADED
     described = {}
     for name, specification in chosen:
         method = methods.make(specification, robot)

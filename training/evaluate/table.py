@@ -20,6 +20,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, reading, write_bytes, write_json
 from applr_ros1.drives.drive import Drive
 from training.common.folders import Lock, make_folder
+from training.evaluate.differences import difference
 from training.evaluate.trial import Result, Trial
 
 if TYPE_CHECKING:
@@ -99,10 +100,10 @@ class TrialTable:
         with reading(settings_file):
             self.notes: Dict[str, Any] = dict(read_json(settings_file))
         # As JSON, because a tuple would differ from the list that was read.
-        for setting, value in json.loads(json.dumps(settings)).items():
-            if value != self.notes.get(setting, OLDER.get(setting)):
-                remedy = f"give another --out, or the same {setting}"
-                raise ApplrError(f"{self.folder} has another {setting}: {remedy}")
+        as_json = json.loads(json.dumps(settings))
+        problem = difference(self.folder, {**OLDER, **self.notes}, as_json)
+        if problem:
+            raise ApplrError(problem)
         self._lock = Lock(self.folder, "evaluate.py")
         self._results: Dict[Any, Result] = {}
         for row in read_trials(self.folder / TRIALS).itertuples(index=False, name=None):

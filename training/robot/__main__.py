@@ -35,7 +35,9 @@ from applr_ros1.robots.urdf_import.write import (
     robot_yaml,
 )
 from training.common.command_line import parsed
+from training.common.folders import make_folder
 from training.common.options import Options, argument, option
+from training.common.words import counted
 
 COURSE = 42.0  # width of a costmap that contains every course at world_scale 1 (the Jackal) [m]
 OTHER_FOLDER = "move it away, or give another folder with --out"
@@ -92,12 +94,11 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         if copy.exists() and read_bytes(copy) != content:
             raise ApplrError(f"{copy} differs from the file that was given: {OTHER_FOLDER}")
     for copy, content in copies.items():
-        copy.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(copy.parent)
         write_bytes(copy, content)
     write_bytes(file, text.encode())
 
-    file_count = len(options.parameters)
-    files = "1 parameter file" if file_count == 1 else f"{file_count} parameter files"
+    files = counted(len(options.parameters), "parameter file")
     lines = [f"wrote {file} from {options.urdf} and {files}"]
     for note in described.notes + parameters.notes + notes:
         lines.append(f"remark: {note}")

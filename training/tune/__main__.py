@@ -34,7 +34,7 @@ from training.robot import open_floor
 from training.robot.open_floor import show
 from training.tune.best_set import best_set, drives_of, search_space, warm_starts
 from training.tune.clock import SearchClock
-from training.tune.found_set import Judgement, changes, judged, scope, write_set
+from training.tune.found_set import NEXT, Judgement, changes, judged, scope, write_set
 from training.tune.options import TuneOptions, check_maps, split
 
 # files, each judged with or without the collision monitor
@@ -84,7 +84,7 @@ def run(options: TuneOptions) -> int:
             if parameter_name in effects:
                 values[parameter_name] = parameter_value
         if not values:
-            show("better: no, no changed parameter saves anything")
+            show(f"better: no, no changed parameter saves anything\n{NEXT}")
             return 1
 
         # The verdicts' drives belong to the set and to the worlds, as the search's table does.
@@ -106,9 +106,11 @@ def run(options: TuneOptions) -> int:
         judgements = []
         for file_name, _ in JUDGED:
             judgements.append(judge(options, unseen, drives, file_name))
+        is_written = any(judgement.is_better for judgement in judgements)
+        if not is_written:
+            show(NEXT)
         rule = AIMS[options.for_].rule
         show(f"page: {page.write(robot, drives, changed, judgements, context, rule)}")
-        is_written = any(judgement.is_better for judgement in judgements)
     return 0 if is_written else 1
 
 

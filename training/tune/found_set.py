@@ -32,7 +32,11 @@ from worlds.world import clearance
 if TYPE_CHECKING:
     import pandas as pd
 
-
+# What to do if no file was written. The same command would find all of its trials in the table.
+NEXT = (
+    "The same command only prints this answer again: give a longer --minutes, which continues the "
+    "search, or another --seed, which begins a new one."
+)
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
 # The distance biases below are per {unit}.

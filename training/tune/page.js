@@ -243,20 +243,25 @@ content.append(...D.verdicts.map(verdictSection));
 // -- how to load it -------------------------------------------------------------------------------
 
 const [loaded, applied] = D.verdicts;
+const isWritten = D.verdicts.some(verdict => verdict.is_better);
+content.append(make("h2", {}, isWritten ? "How to load it" : "What to try next"));
+// A set that is not clearly better is not recommended.
+if (loaded.is_better)
+  content.append(
+    make("p", {}, `Any move_base loads ${loaded.file} after the robot's own files:`),
+    make("pre", {tabindex: 0}, `<rosparam file="${loaded.path}" command="load" ns="move_base"/>`),
+  );
+if (applied.is_better)
+  content.append(
+    make(
+      "p",
+      {},
+      `The applr node sets ${applied.file} while move_base runs, with the collision monitor:`,
+    ),
+    make("pre", {tabindex: 0}, `./applr demo robot:=${D.robot} method:=${applied.path}`),
+  );
+if (!isWritten) content.append(make("p", {}, D.next));
 content.append(
-  make("h2", {}, "How to load it"),
-  make("p", {}, `Any move_base loads ${loaded.file} after the robot's own files:`),
-  make("pre", {tabindex: 0}, `<rosparam file="${loaded.path}" command="load" ns="move_base"/>`),
-  make(
-    "p",
-    {},
-    `The applr node sets ${applied.file} while move_base runs, with the collision monitor:`,
-  ),
-  make(
-    "pre",
-    {tabindex: 0},
-    `./applr demo robot:=${D.robot} method:=${applied.is_better ? "static" : applied.path}`,
-  ),
   make("details", {}, make("summary", {}, loaded.file), make("pre", {tabindex: 0}, D.yaml)),
   make("h2", {}, "What it was tried for, and what not"),
   ...D.scope.split("\n").map(line => make("p", {}, `${line[0].toUpperCase()}${line.slice(1)}`)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, List, Sequence
 
@@ -14,7 +15,7 @@ from training.evaluate.report import facts
 from training.evaluate.stored import Results
 from training.evaluate.trial import BASELINE
 from training.evaluate.verdict import SET, arrivals_of, sentence
-from training.tune.found_set import Judgement
+from training.tune.found_set import NEXT, Judgement
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,7 +57,7 @@ def write(
         verdicts.append(
             {
                 **judgement._asdict(),
-                "path": str(judgement.path),
+                "path": os.path.abspath(judgement.path),
                 "courses": courses,
                 "drives": f"{folder.name}/{drives_page.FILE}" if has_drives else "",
             }
@@ -79,6 +80,7 @@ def write(
         "not_tried": NOT_TRIED,
         "yaml": read_bytes(drives / "tuned.yaml").decode(),
         "robot": robot.folder,
+        "next": NEXT,
     }
     page = Page(f"tune · {robot.name}", title, headline, SCRIPTS, page_values, measured=measured)
     write_bytes(drives / FILE, page.html())

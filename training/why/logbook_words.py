@@ -12,6 +12,7 @@ from typing_extensions import override
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.why.answer import indented, sentence
 from applr_ros1.why.events import Event
+from training.common.words import counted
 from training.why.answer import driven_rows, stops_near
 from training.why.common_change import CommonChange
 from training.why.logbook import Logbook, LoggedStop, StopPlace
@@ -46,11 +47,6 @@ class LostTime(NamedTuple):
     @override
     def __str__(self) -> str:
         return f"{self.lost:.0f} s in {counted(len(self.stops), 'stop')}: {self.words}"
-
-
-def counted(count: int, noun: str) -> str:
-    """Return a number with its noun."""
-    return f"{count} {noun}" if count == 1 else f"{count:,} {noun}s"
 
 
 # -- groups ----------------------------------------------------------------------------------------

@@ -23,9 +23,11 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.policy import methods
+from applr_ros1.policy.actor import save
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, lines_with, runs
 from tests.support.drives import driven
+from tests.support.robots import make_weights
 from training.common.command_line import parsed
 from training.env.settings import TrialSettings
 from training.evaluate import __main__ as evaluate
@@ -211,7 +213,9 @@ def test_an_evaluation_of_an_older_version_drove_in_the_frame_of_the_odometry(tm
         pass
     with TrialTable(tmp_path, {"seed": 0, "matched": False}):
         pass
-    with pytest.raises(ApplrError, match="another matched"):
+    with pytest.raises(
+        ApplrError, match="driven with --no-matched, not --matched: give another --out"
+    ):
         TrialTable(tmp_path, {"seed": 0, "matched": True})
 
 
@@ -249,10 +253,57 @@ def test_more_trials_only_append(tmp_path, run, refused):
     two_trials = (tmp_path / "trials.csv").read_bytes()
     assert run(command(tmp_path)) == 0
     assert (tmp_path / "trials.csv").read_bytes().startswith(two_trials)
-    refused(command(tmp_path, "--seed", 3), "another seed", "--out")
-    refused(command(tmp_path, "--monitor"), "another monitor", "--out")
-    refused(command(tmp_path, "--movers"), "another movers", "--out")
-    refused(command(tmp_path, "--loaded"), "another planner")
+    remedy = "give another --out, or"
+    refused(command(tmp_path, "--seed", 3), f"with --seed 0, not --seed 3: {remedy} --seed 0")
+    refused(command(tmp_path, "--monitor"), f"not --monitor: {remedy} --no-monitor")
+    refused(command(tmp_path, "--movers"), f"not --movers: {remedy} --no-movers")
+    refused(command(tmp_path, "--loaded"), "--planner ours, not --planner ours --loaded")
+
+
+def test_the_number_of_trials_is_that_of_the_table(tmp_path, run, capsys):
+    few = {"worlds": "generated:0", "chosen": "dwa"}
+    for trial_count, printed in ((1, "1 trial"), (2, "2 trials"), (1, "2 trials")):
+        assert run(command(tmp_path, "--trials", trial_count, **few)) == 0
+        assert capsys.readouterr().out == f"{printed} in {tmp_path}/trials.csv\n"
+
+
+def test_an_evaluation_that_differs_is_refused_with_what_differs(tmp_path, run, refused):
+    out = tmp_path / "out"
+    set_file = tmp_path / "mine.json"
+    set_file.write_text('{"max_vel_x": 1.0}')
+    first_command = command(out, chosen=f"dwa,{set_file}")
+    assert run(first_command) == 0
+    refused(command(out), f"{out} has the methods dwa, mine: give another --out")
+    refused(command(out, "--loaded", chosen=f"dwa,{set_file}"), "not --planner ours --loaded")
+    refused(command(out, "--robot", "husky"), f"{out} has the robot jackal, not husky")
+    other_worlds = command(out, worlds="generated:1", chosen=f"dwa,{set_file}")
+    refused(other_worlds, f"{out} has other worlds: give another --out, or the same --worlds")
+
+    set_file.write_text('{"max_vel_x": 1.2}')
+    problem = f"{out}: the parameter set of method mine has changed since: give another --out"
+    refused(first_command, problem)
+
+    # The remedy works.
+    assert run(command(tmp_path / "another", chosen=f"dwa,{set_file}")) == 0
+
+
+def test_a_policy_that_was_trained_on_does_not_continue_an_evaluation(tmp_path, run, refused):
+    policy_file = tmp_path / "actor.safetensors"
+    save(policy_file, make_weights(), {"steps": 1})
+    arguments = command(tmp_path / "out", chosen=str(policy_file))
+    assert run(arguments) == 0
+    save(policy_file, make_weights(), {"steps": 2})
+    refused(arguments, "the file of method actor has changed since: give another --out")
+
+
+def test_out_must_be_a_folder(tmp_path, refused):
+    file = tmp_path / "stopped.bag"
+    file.write_text("a bag")
+    remedy = "give another folder with --out"
+    refused(command(file), f"{file}: a file, not a folder; {remedy}")
+    below = file / "results"
+    refused(command(below), f"{below}: this folder cannot be made (Not a directory); {remedy}")
+    assert file.read_text() == "a bag"
 
 
 def test_a_table_is_read_as_pandas_reads_it(tmp_path):
@@ -338,6 +389,14 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     assert method.seed == 3
     with pytest.raises(ApplrError, match="not a subclass"):
         methods.make("my_module:Nothing")
+    problem = "method my_module:Cautios: my_module has no class Cautios: give Cautious$"
+    with pytest.raises(ApplrError, match=problem):
+        methods.make("my_module:Cautios")
+    file = tmp_path / "empty.py"
+    file.write_text("from applr_ros1.policy.methods import Method\n")
+    problem = r"empty.py has no class Any: derive one from .*\.Method$"
+    with pytest.raises(ApplrError, match=problem):
+        methods.make(f"{file}:Any")
     assert methods.parse("dwa,my_module:Cautious") == [
         ("dwa", "dwa"),
         ("Cautious", "my_module:Cautious"),
@@ -358,7 +417,8 @@ def test_a_users_class_with_another_obstacle_range_does_not_continue_an_evaluati
         arguments[obstacle_range] = command(tmp_path / "out", chosen=specification)
     assert run(arguments[4.0]) == 0
     for obstacle_range in (None, 5.0):
-        refused(arguments[obstacle_range], "another methods", "--out")
+        problem = "the file of method Cautious has changed since: give another --out"
+        refused(arguments[obstacle_range], problem)
 
 
 def test_a_users_class_that_was_edited_does_not_continue_an_evaluation(tmp_path, run, refused):
@@ -368,7 +428,7 @@ def test_a_users_class_that_was_edited_does_not_continue_an_evaluation(tmp_path,
     assert run(arguments) == 0
     assert run(arguments) == 0
     module.write_text(MY_MODULE + "# another comment\n")
-    refused(arguments, "another methods", "--out")
+    refused(arguments, "the file of method Cautious has changed since: give another --out")
 
 
 def test_a_finished_evaluation_needs_no_workers(tmp_path, monkeypatch):
@@ -387,7 +447,7 @@ def test_a_finished_evaluation_needs_no_workers(tmp_path, monkeypatch):
 def test_an_evaluation_in_another_frame_is_another_one(tmp_path, run, refused):
     arguments = [*command(tmp_path / "out"), "--monitor"]
     assert run([*arguments, "--no-matched"]) == 0
-    refused(arguments, "another matched", "--out")
+    refused(arguments, "driven with --no-matched, not --matched: give another --out")
 
 
 # -- the real stack --------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.robots import JACKAL
 from sim_bridge.simulator import Randomisation
 from tests.support.robots import make_weights
-from tests.support.runs import one_line, toy
+from tests.support.runs import NO_EVALUATION, one_line, toy
 from training.train import __main__ as train
 from training.train.learner.config import TrainConfig, parse
 from training.train.td3.td3 import ACTOR_LR, TAU
@@ -34,11 +34,39 @@ from training.train.td3.td3 import ACTOR_LR, TAU
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--recipe", "offline"], "learns offline: give a --dataset"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
+        (
+            ["--recipe", "jackal", "--robot", "turtlebot3_burger"],
+            "static: there is no .*/static.json: give --init-from dwa, or first run `./applr tune",
+        ),
+        (["--init-from", "nope.safetensors", *NO_EVALUATION], "nope.safetensors: cannot be read"),
+        (["--init-from", "nope", *NO_EVALUATION], "--init-from is 'nope': give static, dwa, "),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
     one_line(capsys, toy(tmp_path / "run", *arguments), pattern, train.main)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_start_that_is_refused_makes_no_run_of_several_seeds(tmp_path, capsys):
+    several_seeds = toy(tmp_path / "run", "--seeds", "2", *NO_EVALUATION)
+    refused_start = [*several_seeds, "--init-from", "nope.safetensors"]
+    # The same command says the same again, not that there is a run already.
+    for _ in range(2):
+        one_line(capsys, refused_start, "nope.safetensors: cannot be read", train.main)
+    assert not list((tmp_path / "run").iterdir())
+
+
+def test_a_start_that_is_refused_leaves_the_files_of_an_existing_folder(tmp_path, capsys):
+    (tmp_path / "notes.txt").write_text("mine")
+    refused_start = toy(tmp_path, "--init-from", "nope.safetensors", *NO_EVALUATION)
+    one_line(capsys, refused_start, "nope.safetensors: cannot be read", train.main)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_out_must_be_a_folder(tmp_path, capsys):
+    (tmp_path / "run").write_text("a file")
+    arguments = toy(tmp_path / "run", *NO_EVALUATION)
+    one_line(capsys, arguments, "run: a file, not a folder; give another folder", train.main)
 
 
 def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):

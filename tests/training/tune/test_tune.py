@@ -312,6 +312,32 @@ def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, cap
         or "no changed parameter saves anything" in printed
     )
     assert sorted(jackal.iterdir()) == files_before
+    # What to do comes last, once.
+    *_, hint = [line for line in printed.splitlines() if not line.startswith("page: ")]
+    assert hint == found_set.NEXT
+    assert printed.count(found_set.NEXT) == 1
+
+
+def test_after_a_no_more_minutes_continue_the_search_and_another_seed_begins_one(jackal, tmp_path):
+    assert tune(jackal, "only_in_search") == 1
+    driven_at_first = len(searched_tasks())
+    # The same command drives nothing and says no again.
+    assert tune(jackal, "only_in_search") == 1
+    assert len(searched_tasks()) == driven_at_first
+    tune(jackal, "only_in_search", "--minutes", "12")
+    assert len(searched_tasks()) > driven_at_first
+    assert len(list((tmp_path / "out").glob("search-*"))) == 1
+    tune(jackal, "only_in_search", "--seed", "1")
+    assert len(list((tmp_path / "out").glob("search-*"))) == 2
+
+
+def test_out_must_be_a_folder(jackal, capsys):
+    file = jackal.parent / "out"
+    file.write_text("a file")
+    assert tune(jackal, "toy") == 1
+    assert (
+        f"{file}: a file, not a folder; give another folder with --out" in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(

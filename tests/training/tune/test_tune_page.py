@@ -1,6 +1,7 @@
 """Tests of the page of ./applr tune: its sentence, its courses, and its use without a mouse."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -11,7 +12,7 @@ from tests.support.pages import data_of
 from tests.support.runs import SETTINGS
 from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, plan_trials
-from training.tune.found_set import Judgement
+from training.tune.found_set import NEXT, Judgement
 from training.tune.page import write
 
 RULE = "a failure or contact costs 10 times the course's shortest time"
@@ -111,6 +112,8 @@ def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(dri
 @needs_browser
 def test_the_page_shows_changes_and_failures_and_opens_its_details_by_keyboard(drives):
     with opened(page_of(drives, True, False)) as page:
+        assert f'<rosparam file="{drives}/tuned.yaml"' in page.inner_text("body")
+        assert "./applr demo" not in page.inner_text("body"), "static.json was not written"
         assert page.get_by_text(RULE).count() == 1
         changes = page.locator(".changes b").all_inner_texts()
         assert changes == ["max_vel_x", "sim_time"], "what saves something comes first"
@@ -120,3 +123,20 @@ def test_the_page_shows_changes_and_failures_and_opens_its_details_by_keyboard(d
         summary.focus()
         summary.press("Enter")
         assert page.get_by_text("Largest velocity.").is_visible()
+
+
+@needs_browser
+def test_a_set_that_was_not_written_is_not_to_be_loaded(drives):
+    with opened(page_of(drives, False, False)) as page:
+        page_text = page.inner_text("body")
+    assert "How to load it" not in page_text
+    assert "<rosparam" not in page_text
+    assert "./applr demo" not in page_text
+    assert NEXT in page_text
+
+
+def test_the_paths_of_the_page_are_valid_in_any_folder(drives, monkeypatch):
+    monkeypatch.chdir(drives.parent)
+    page_data = data_of(page_of(Path(drives.name), True, True).read_text())
+    paths = [verdict["path"] for verdict in page_data["verdicts"]]
+    assert paths == [f"{drives}/tuned.yaml", f"{drives}/static.json"]

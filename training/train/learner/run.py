@@ -7,6 +7,7 @@ actor.safetensors and best.safetensors, evaluations.jsonl, evaluation/ and tenso
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import time
@@ -73,6 +74,7 @@ class TrainingRun:
             rows = int(1.1 * config.total_timesteps) + LONGEST_EPISODE
         action, self.base = config.start
 
+        is_new = not Path(config.out).exists()
         self.folder = config.folder()
         # A second process would overwrite the checkpoints of the first.
         self.lock = Lock(self.folder)
@@ -82,16 +84,23 @@ class TrainingRun:
         if actors and config.ray_address in ("", "local"):
             # The actors' processes need the other cores: more threads than cores are slow.
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - actors))
-        self.learner = Learner(
-            self.preparation.layout,
-            config,
-            self.folder,
-            rows,
-            init_from=config.init_from,
-            robot=config.robot,
-            action=action,
-            dataset=dataset,
-        )
+        try:
+            self.learner = Learner(
+                self.preparation.layout,
+                config,
+                self.folder,
+                rows,
+                init_from=config.init_from,
+                robot=config.robot,
+                action=action,
+                dataset=dataset,
+            )
+        except BaseException:
+            # A start that is refused leaves nothing behind: the folder has only the lock so far.
+            self.lock.close()
+            if is_new:
+                shutil.rmtree(self.folder)
+            raise
         held_out = self.preparation.held_out
         self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed)
 

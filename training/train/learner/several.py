@@ -58,7 +58,6 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     check_unseen(
         listed_specs(config.worlds, radius(config.robot)), listed_specs(f"{CHOICE},{VERDICT}")
     )
-    write_json(out_folder / "config.json", config.model_dump(exclude={"resume"}))
     policies = []
     for seed in range(config.seed, config.seed + config.seeds):
         run_folder = out_folder / f"seed_{seed}"
@@ -69,6 +68,8 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
             "resume": (run_folder / "config.json").exists(),
         }
         training_run = make_run(config.model_copy(update=changes))
+        # Only now: a start that is refused makes no run that --resume would have to continue.
+        write_json(out_folder / "config.json", config.model_dump(exclude={"resume"}))
         status = int(training_run.run())
         if status:
             return status
