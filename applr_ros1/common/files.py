@@ -102,8 +102,19 @@ def written_whole(path: Any) -> Iterator[BinaryIO]:
             os.unlink(partial_path)
         if not isinstance(problem, OSError):
             raise
-        failure = f"cannot be written ({reason(problem)}); the file there is untouched"
+        failure = f"cannot be written ({reason(problem)})"
+        if os.path.exists(path):
+            failure += "; the file there is untouched"
         raise ApplrError(f"{path}: {failure}") from None
+
+
+def is_in_writable_folder(path: Any) -> bool:
+    """Return whether the folder of a file exists and can be written.
+
+    Asked before work of minutes, whose result could not be written.
+    """
+    folder = os.path.dirname(os.path.abspath(path))
+    return os.path.isdir(folder) and os.access(folder, os.W_OK)
 
 
 def write_json(path: Any, value: Any) -> None:

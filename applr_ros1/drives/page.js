@@ -194,12 +194,10 @@ function showParameters(drives) {
 
 function showResults(drives) {
   results.hidden = world.drives.length < 2 && D.worlds.length < 2;
-  const head = ["method", "result", "time [s]", "length [m]", "mean speed [m/s]"].map(words =>
-    make("th", {scope: "col", style: words === "result" ? "text-align: left" : null}, words),
-  );
+  const numbers = ["time [s]", "length [m]", "mean speed [m/s]"];
   const rows = drives.map(drive => {
     const cells = [fixed(drive.t, 1), fixed(drive.length, 1), fixed(drive.length / drive.t, 2)].map(
-      words => make("td", {}, words),
+      words => make("td", {class: "number"}, words),
     );
     const method = D.methods[drive.m];
     const name = make("td", {}, make("span", {class: "named"}, methodSwatch(method), method.name));
@@ -207,13 +205,12 @@ function showResults(drives) {
       "tr",
       {},
       name,
-      make("td", {class: drive.ok ? null : "bad", style: "text-align: left"}, resultOf(drive)),
+      make("td", {class: drive.ok ? null : "bad"}, resultOf(drive)),
       ...cells,
     );
   });
-  results.replaceChildren(
-    make("table", {}, make("thead", {}, make("tr", {}, ...head)), make("tbody", {}, ...rows)),
-  );
+  const head = headOf(["method", "result", ...numbers], numbers);
+  results.replaceChildren(make("table", {}, head, make("tbody", {}, ...rows)));
 }
 
 // -- choice of a world ----------------------------------------------------------------------------

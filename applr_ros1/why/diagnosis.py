@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import List, Optional, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -153,14 +153,18 @@ def explain_event(replay: Replay, event: Event) -> List[Explanation]:
     give_outside_reason(event, replay.drive, replay.planner.period)
     if event.is_outside or not explained:
         return explained
-    # The middle one of the explained cycles stands for the event.
-    middle_explanation = explained[len(explained) // 2]
+    middle_explanation = middle_of(explained)
     if event.kind == AT_GOAL and not middle_explanation.is_blocked:
         cycles = replay.between(event.begin, event.end)
         event.reason = at_goal(replay.planner, cycles[-1].settings)
     elif middle_explanation.words:
         event.reason = middle_explanation.words
     return explained
+
+
+def middle_of(explained: Sequence[Explanation]) -> Explanation:
+    """Return the middle one of the explained cycles of an event, which stands for the event."""
+    return explained[len(explained) // 2]
 
 
 def _explanations(replay: Replay, event: Event) -> List[Explanation]:

@@ -38,7 +38,6 @@ AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
 WAS_SLOW = "was slow"
-ASKED = "the moment asked about"
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 
 
@@ -71,6 +70,7 @@ class Event:
         place: Mean position (x, y) [m] in the odometry frame.
         reason: Why, in words; "" if it is not known yet.
         is_outside: Whether the reason lies outside the local planner, which could do nothing.
+        is_asked: Whether it is the time around a moment that somebody asks about.
     """
 
     kind: str
@@ -79,6 +79,7 @@ class Event:
     place: Tuple[float, float]
     reason: str = ""
     is_outside: bool = False
+    is_asked: bool = False
 
     @property
     def seconds(self) -> float:
@@ -165,9 +166,27 @@ def around(at: float, odometry: Motion, limits: DriveLimits) -> Event:
     if not drive_begin <= at <= limits.end:
         remedy = f"give {drive_begin:.1f} to {limits.end:.1f} s"
         raise ApplrError(f"--at {at:g}: outside the drive, {remedy}")
-    latest_row = int(np.searchsorted(odometry.time, at, side="right")) - 1
-    x, y, _ = odometry.pose[max(latest_row, 0)].tolist()
-    return Event(ASKED, at - AROUND_S, at + AROUND_S, (x, y))
+    latest_row = max(odometry.latest(at), 0)
+    x, y, _ = odometry.pose[latest_row].tolist()
+    begin_time = at - AROUND_S
+    end_time = at + AROUND_S
+    motion = odometry.between(begin_time, end_time)
+    # Where the odometry is silent, the latest message is all that is known.
+    if not len(motion):
+        motion = odometry.part(slice(latest_row, latest_row + 1))
+    return Event(_motion_in_words(motion), begin_time, end_time, (x, y), is_asked=True)
+
+
+def _motion_in_words(motion: Motion) -> str:
+    """Return what a robot did on average, with its speed [m/s]."""
+    v, w = motion.twist.mean(axis=0).tolist()
+    if v <= -STILL_SPEED:
+        return f"drove backwards with {-v:.2f} m/s"
+    if v >= STILL_SPEED:
+        return f"drove with {v:.2f} m/s"
+    if abs(w) >= STILL_TURN:
+        return f"turned on the spot with {abs(w):.2f} rad/s"
+    return "stood"
 
 
 def _kinds(odometry: Motion, limits: DriveLimits) -> Iterator[Kind]:

@@ -65,6 +65,18 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
         files.write_bytes(json_file, b"other")
     assert files.read_json(json_file) == {"a": 1}
     assert os.listdir(tmp_path) == ["file.json"]
+    # Of a file that is not there, nothing is untouched.
+    with pytest.raises(ApplrError, match=r"new.json: cannot be written \(No space .* device\)$"):
+        files.write_bytes(tmp_path / "new.json", b"other")
+
+
+def test_a_folder_that_is_missing_is_not_writable(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert files.is_in_writable_folder("page.html")
+    assert files.is_in_writable_folder(tmp_path / "page.html")
+    assert not files.is_in_writable_folder(tmp_path / "none" / "page.html")
+    (tmp_path / "file").touch()
+    assert not files.is_in_writable_folder(tmp_path / "file" / "page.html")
 
 
 @pytest.mark.fault("18c")

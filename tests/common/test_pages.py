@@ -6,6 +6,7 @@ import json
 
 from applr_ros1.common.pages.colors import METHOD_COLORS, color_indices
 from applr_ros1.common.pages.page import Page
+from tests.support.browser import needs_browser, opened
 from tests.support.pages import text_of_data
 
 
@@ -37,6 +38,28 @@ def test_a_number_is_not_parted_from_its_unit(tmp_path):
     script.write_text("")
     page = Page("kind", "title", "Reached in 5.3 s, 6.8 m", [script], {})
     assert "5.3&nbsp;s, 6.8&nbsp;m" in page.html().decode()
+
+
+@needs_browser
+def test_the_words_of_a_scale_are_readable_over_obstacles(tmp_path):
+    # Given: a map that is red all over
+    script = tmp_path / "script.js"
+    script.write_text(
+        """
+        const paint = view => {
+          view.c.fillStyle = "#ff0000";
+          view.c.fillRect(0, 0, 4, 4);
+        };
+        const view = new TopView(content, [0, 0, 4, 4], paint, "map");
+        """
+    )
+    page_file = tmp_path / "page.html"
+    page_file.write_bytes(Page("kind", "title", "verdict", [script], {}).html())
+    # Then: there is little red around the words, above the left end of the scale
+    with opened(page_file) as page:
+        page.wait_for_function("view.scale > 0")
+        red = page.evaluate("view.c.getImageData(14, Math.round(view.tall) - 28, 1, 1).data[0]")
+    assert red < 100
 
 
 def test_a_method_has_the_same_colour_on_each_page_and_no_two_share_one():

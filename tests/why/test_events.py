@@ -76,6 +76,23 @@ def test_a_moment_has_the_place_of_the_latest_pose():
         assert (event.begin, event.end) == (moment - events.AROUND_S, moment + events.AROUND_S)
 
 
+@pytest.mark.parametrize(
+    ("twist", "words"),
+    [
+        ((0.2, 0.5), "drove with 0.20 m/s"),
+        ((-0.1, 0.0), "drove backwards with 0.10 m/s"),
+        ((0.0, -0.4), "turned on the spot with 0.40 rad/s"),
+        ((0.01, 0.0), "stood"),
+    ],
+)
+def test_of_a_moment_is_said_what_the_robot_did(twist, words):
+    drive = drive_of([twist] * 60)
+    limits = DriveLimits(speed=TOP, turn=TURN, tolerance=0.25, scale=1.0, end=drive.end)
+    event = events.around(1.0, drive.odometry, limits)
+    assert event.kind == words
+    assert event.is_asked
+
+
 @pytest.mark.parametrize("kind", SEEN)
 def test_each_kind_of_event_is_seen_in_the_measured_motion_with_begin_and_end(kind):
     drive = drive_of(DRIVES + SEEN[kind] + DRIVES)

@@ -25,6 +25,7 @@ from applr_ros1.robots import JACKAL, Robot
 
 _LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
+ACTIVE_SUFFIX = ".bag.active"  # end of the name of a bag that rosbag has not finished
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")  # ends of the names of bags that are one file
 
 
@@ -116,11 +117,16 @@ def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
         # A ROS 2 bag without message definitions has those of this release.
         typestore = get_typestore(Stores.ROS2_HUMBLE)
         with reading(path), AnyReader([Path(path)], default_typestore=typestore) as reader:
-            yield OpenBag(reader, Path(path).name)
+            bag = OpenBag(reader, Path(path).name)
+            if not bag.types:
+                raise ApplrError("the bag holds no messages; record the drive again")
+            yield bag
     except FileError as error:
         message = str(error)
         cause = error.__cause__
-        if isinstance(cause, AnyReaderError) and "index" in str(cause):
+        if Path(path).name.endswith(ACTIVE_SUFFIX):
+            message += ": if its recording was cut short, rename it to .bag, run rosbag reindex"
+        elif isinstance(cause, AnyReaderError) and "index" in str(cause):
             message += ": if its recording was cut short, run rosbag reindex"
         raise BagError(message) from error
 

@@ -25,6 +25,8 @@ from training.evaluate.stored import SETS, TEST, TRAINING, Results
 NONE = "–"  # cell without a value
 COMPARED_IN_PAPER = ("applr", "dwa")  # methods of the paper's Tables II and III
 NO_PAPER = (NONE, NONE)  # cells of other methods in these tables
+# Names of the columns of words; all others have numbers.
+WORDS = ("worlds", "method", "other", "failures", "what it is")
 TableRows = Iterator[Dict[str, str]]
 
 
@@ -41,13 +43,31 @@ class Table(NamedTuple):
 
         A wide table scrolls in its own box.
         """
-        with pd.option_context("display.max_colwidth", None):  # Else pandas cuts long cells.
-            table = self.rows.to_html(index=False, border=0)
+        head = "".join(_cell("th", name, name) for name in self.rows)
+        body = ""
+        for row in self.rows.to_dict("records"):
+            cells = "".join(_cell("td", name, text) for name, text in row.items())
+            body += f"<tr>{cells}</tr>\n"
+        table = f"<table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>"
         title = f"<h2>{html.escape(self.title)}</h2>"
         kind = "wide words" if self.name == "methods" else "wide"
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
         # Whoever has no mouse scrolls the box by keys.
         return f'{title}<div class="{kind}" tabindex=0>{table}</div>{notes}'
+
+
+def _cell(tag: str, column: Any, text: Any) -> str:
+    """Return a cell of a table as HTML: words from the left, numbers to the right.
+
+    Args:
+        tag: Element of the cell, th or td.
+        column: Name of its column.
+        text: What it says.
+    """
+    attributes = ' scope="col"' if tag == "th" else ""
+    if column not in WORDS:
+        attributes += ' class="number"'
+    return f"<{tag}{attributes}>{html.escape(str(text))}</{tag}>"
 
 
 Made = Callable[[Results], Table]  # makes the table of an evaluation

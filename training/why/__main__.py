@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.common.files import write_bytes
+from applr_ros1.common.files import is_in_writable_folder, write_bytes
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.replay import Replay, Watch
@@ -60,7 +60,9 @@ class WhyOptions(BagAnswerOptions):
         "three bags and more, a logbook is made."
     )
     at: Optional[float] = option(
-        None, "Time in the bag to explain, whatever happened then [s].", ge=0
+        None,
+        "Time in the bag to explain, whatever happened then [s]. Nothing is driven in simulation.",
+        ge=0,
     )
     out: str = option(
         "", "HTML page to write, with map, path, events and the trajectories of their cycles."
@@ -79,6 +81,12 @@ class WhyOptions(BagAnswerOptions):
 def run(options: WhyOptions) -> None:
     """Replay the bags and print the diagnosis, or the logbook of many bags."""
     bag_paths = bags_in(options.bag)
+    # An answer of minutes must not end with a file that cannot be written.
+    for option_name in ("out", "map"):
+        file_path = getattr(options, option_name)
+        if file_path and not is_in_writable_folder(file_path):
+            remedy = "give a file in a folder that can be written"
+            raise ApplrError(f"--{option_name} {file_path}: {remedy}")
     is_folder = any(map(_holds_bags, options.bag))
     if is_folder or len(bag_paths) > COMPARED:
         _keep_logbook(bag_paths, options)

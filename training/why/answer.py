@@ -9,9 +9,16 @@ import numpy as np
 from applr_ros1.common.paths import distances
 from applr_ros1.why import alternatives
 from applr_ros1.why.alternatives import Alternative
-from applr_ros1.why.answer import best_guess, certainty_of, indented, sentence, what_happened
+from applr_ros1.why.answer import (
+    best_guess,
+    certainty_of,
+    indented,
+    sentence,
+    what_happened,
+    what_the_planner_weighed,
+)
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import ASKED, Event, longest
+from applr_ros1.why.events import Event, longest
 from training.why.whole_drives import SAME_PLACE_M, Tried, WholeDriveTrials
 
 LISTED = 4  # number of further events, and of rows of what was tried
@@ -37,6 +44,7 @@ def lines_of(answer: Answer) -> List[str]:
     """Return the answer for a terminal: what happened, what to change, how sure, then the rest."""
     diagnosis = answer.diagnosis
     lines = [what_happened(diagnosis), *advice(answer), how_sure(answer)]
+    lines += what_the_planner_weighed(diagnosis)
     lines += _other_events(diagnosis.events)
     return lines + tried_rows(answer)
 
@@ -69,7 +77,7 @@ def advice(answer: Answer) -> List[str]:
     """
     diagnosis = answer.diagnosis
     longest_event = diagnosis.longest
-    if longest_event is None or longest_event.kind == ASKED or diagnosis.part is not None:
+    if longest_event is None or longest_event.is_asked or diagnosis.part is not None:
         return []
     trials = answer.trials
     if trials is None and not diagnosis.wants_remedy:

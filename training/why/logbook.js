@@ -173,7 +173,7 @@ function stopRow(n) {
   return make(
     "tr",
     {},
-    make("td", {class: "right"}, secondsOf(stop.lost)),
+    make("td", {class: "number"}, secondsOf(stop.lost)),
     make("td", {}, link ? make("a", {href: link}, when) : when),
     make("td", {}, readable(reason)),
     make("td", {}, readable(stop.guess)),
@@ -204,7 +204,7 @@ const heads = ["lost", "stop", "what and why", "the replay's guess"];
 content.append(
   stopsTitle,
   allButton,
-  wideTable(heads, stopRows, {class: "words"}),
+  wideTable(heads, stopRows, {class: "words"}, ["lost"]),
   make("p", {class: "note"}, "A link opens the page of the drive, at this stop."),
 );
 
@@ -214,7 +214,9 @@ if (D.driven) {
   const rows = [D.driven.recorded, ...D.driven.tried].map(one =>
     make("tr", {}, make("td", {}, readable(one.words)), make("td", {}, one.result)),
   );
-  const driven = ["values", `driven in the worlds of ${counted(D.driven.bags.length, "stop")}`];
+  const count = D.driven.bags.length;
+  const worlds = count === 1 ? "world" : "worlds";
+  const driven = ["values", `driven in the ${worlds} of ${counted(count, "stop")}`];
   content.append(
     make("h2", {}, "What was tried"),
     wideTable(driven, make("tbody", {}, ...rows), {class: "words"}),

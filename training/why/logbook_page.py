@@ -38,7 +38,8 @@ SCRIPTS = (MARKS, Path(__file__).with_name("logbook.js"))
 DRIVEN = (
     "Changes were driven in simulation, from the recorded start to the goal in the worlds that the "
     "laser saw at the worst stops: a change is advised only if it takes a tenth less time over all "
-    "of them with seeds that did not choose it, and in none a tenth more."
+    "of them with seeds that did not choose it, and in none a tenth more. A drive that does not "
+    "arrive counts with its time limit."
 )
 FRAMES = (
     "Stops within a robot's length in the same frame are one place. Odometry begins anew at each "

@@ -140,22 +140,30 @@ def advice(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
 def _change_in_words(change: CommonChange) -> str:
     """Return what to change for the worst stops, and what it did there."""
     trials = change.trials
-    courses_in_words = counted(len(change.bags), "stop")
+    course_count = len(change.bags)
     if trials.remedy is None:
         seeds_in_words = " with each seed and in each world" if trials.judged else ""
-        return (
-            f"Nothing that was tried in the worlds of the worst {courses_in_words} "
-            f"helped{seeds_in_words}."
-        )
+        worlds_in_words = f"worlds of the worst {course_count:,} stops"
+        if course_count == 1:
+            worlds_in_words = "world of the worst stop"
+        return f"Nothing that was tried in the {worlds_in_words} helped{seeds_in_words}."
     helped_count = sum(change.helped)
     saved = 0.0
     for gain, is_helped in zip(change.gains, change.helped):
         saved += gain if is_helped else 0.0
-    result = f"{saved:.0f} s less in {helped_count} of the worst {courses_in_words}"
-    if helped_count < len(change.bags):
-        result += f", and at most a tenth slower in the other {len(change.bags) - helped_count}"
+    # A whole drive in simulation may save more than the recorded stop cost.
+    result = f"the whole drive takes {saved:.0f} s less in the world of the worst stop"
+    if course_count > 1:
+        result = (
+            f"whole drives take {saved:.0f} s less in {helped_count} of the "
+            f"{course_count:,} worlds of the worst stops"
+        )
+    if helped_count < course_count:
+        other_count = course_count - helped_count
+        others_in_words = "one" if other_count == 1 else f"{other_count:,}"
+        result += f", and at most a tenth more in the other {others_in_words}"
     return (
-        f"Try {trials.remedy.candidate}: {result}; {trials.remedy}, "
+        f"Try {trials.remedy.candidate}: in simulation, {result}; {trials.remedy}, "
         f"with the recorded values {trials.recorded}."
     )
 

@@ -10,7 +10,7 @@ from applr_ros1.robots import Robot
 from applr_ros1.why import events
 from applr_ros1.why.alternatives import Alternative, guesses_of, together
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import ASKED, AT_GOAL
+from applr_ros1.why.events import AT_GOAL
 from applr_ros1.why.replay import Replay
 from training.why.candidates import (
     Candidate,
@@ -76,7 +76,7 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     if longest_event is None or goal is None or not diagnosis.wants_remedy:
         return None
     # No parameter helps a robot that stops for a part of itself, and a moment is no event.
-    if diagnosis.part is not None or longest_event.kind == ASKED:
+    if diagnosis.part is not None or longest_event.is_asked:
         return None
     # The settings at the longest event: if they change on the way, no drive can have all of them.
     # What a policy sets, it sets again.

@@ -339,13 +339,14 @@ function sampleName(words, row) {
 
 function sampleTable(cycle) {
   const [head, ...rows] = cycle.table;
-  const words = row => make("tr", {}, ...row.map(value => make("td", {}, fixed(value, 2))));
+  const cell = value => make("td", {class: "number"}, fixed(value, 2));
+  const words = row => make("tr", {}, ...row.map(cell));
   return make(
     "details",
     {},
     make("summary", {}, "Samples in numbers"),
     make("p", {class: "note"}, "First the command, then the cheapest samples."),
-    wideTable(head, make("tbody", {}, ...rows.map(words))),
+    wideTable(head, make("tbody", {}, ...rows.map(words)), {}, head),
   );
 }
 
@@ -354,13 +355,18 @@ function sampleTable(cycle) {
 const tried = D.recorded ? [D.recorded, ...D.tried] : [];
 const shown = new Set(tried.length ? [0, 1] : []);
 
-// Colours and dashes of methods, of which there are six.
+// Colours and dashes of methods, of which there are six. The first of both is that of the recorded
+// values alone. The others go through all their pairs before one comes again.
+const PAIRED = DASHES.length - 1;
+
 function tryColor(n) {
-  return `method-${n % DASHES.length}`;
+  return `method-${n === 0 ? 0 : 1 + ((n - 1) % PAIRED)}`;
 }
 
 function tryDash(n) {
-  return DASHES[n % DASHES.length];
+  if (n === 0) return DASHES[0];
+  const round = Math.floor((n - 1) / PAIRED);
+  return DASHES[1 + ((n - 1 + round) % PAIRED)];
 }
 
 function paintTried(view) {

@@ -35,11 +35,18 @@ function make(tag, attributes = {}, ...children) {
   return element;
 }
 
+// Row with the names of a table's columns; those of `numbers` are columns of numbers.
+function headOf(heads, numbers) {
+  const cells = heads.map(name =>
+    make("th", {scope: "col", class: numbers.includes(name) ? "number" : null}, name),
+  );
+  return make("thead", {}, make("tr", {}, ...cells));
+}
+
 // A table with the names of its columns. Where it is wider than the page, it scrolls by itself.
-function wideTable(heads, body, attributes = {}) {
-  const headCells = heads.map(name => make("th", {scope: "col"}, name));
-  const head = make("thead", {}, make("tr", {}, ...headCells));
-  return make("div", {class: "wide", tabindex: 0}, make("table", attributes, head, body));
+function wideTable(heads, body, attributes = {}, numbers = []) {
+  const table = make("table", attributes, headOf(heads, numbers), body);
+  return make("div", {class: "wide", tabindex: 0}, table);
 }
 
 function fixed(value, digits) {
@@ -563,7 +570,15 @@ class TopView {
     this.pixels();
     const length =
       [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find(metres => metres * this.scale >= 50) || 100;
+    const words = `${length} m`;
     const [left, top] = [12, this.tall - 12];
+    this.c.font = "13px sans-serif";
+    // Obstacles behind it would make the words unreadable.
+    const right = left + Math.max(length * this.scale, 6 + this.c.measureText(words).width);
+    this.c.fillStyle = color("raised");
+    this.c.globalAlpha = 0.85;
+    this.c.fillRect(left - 6, top - 22, right - left + 12, 28);
+    this.c.globalAlpha = 1;
     this.c.strokeStyle = color("ink");
     this.c.lineWidth = 2;
     this.c.lineCap = "butt";
@@ -577,8 +592,7 @@ class TopView {
       this.c.lineTo(x, y);
     }
     this.c.stroke();
-    this.c.font = "13px sans-serif";
-    this.halo(`${length} m`, left + 6, top - 6);
+    this.halo(words, left + 6, top - 6);
   }
 }
 

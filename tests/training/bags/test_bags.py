@@ -573,6 +573,23 @@ def test_of_a_folder_only_its_bags_are_read(tmp_path):
     assert bags_in([tmp_path]) == [tmp_path / "a.bag", tmp_path / "b.bag"]
 
 
+def test_a_bag_that_rosbag_has_not_finished_says_how_to_mend_it(tmp_path):
+    whole_bag = tmp_path / "whole.bag"
+    record(whole_bag)
+    active_bag = tmp_path / "drive.bag.active"
+    active_bag.write_bytes(whole_bag.read_bytes()[:5000])
+    with pytest.raises(BagError, match="cut short, rename it to .bag, run rosbag reindex$"):
+        read(active_bag)
+
+
+def test_a_bag_without_messages_says_so(tmp_path):
+    bag_path = tmp_path / "nothing.bag"
+    with Writer(bag_path):
+        pass
+    with pytest.raises(BagError, match="nothing.bag: the bag holds no messages; record"):
+        read(bag_path)
+
+
 def test_code_in_a_message_definition_is_not_run(tmp_path):
     """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
@@ -640,7 +657,7 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     reasons = {
         "cut_short.bag": "damaged or of another kind: if its recording was cut short",
         "text.bag": "damaged or of another kind",
-        "nothing.bag": "no decisions",
+        "nothing.bag": "the bag holds no messages",
     }
     os.mkfifo(tmp_path / "pipe.bag")
     reasons["pipe.bag"] = "a pipe or device"

@@ -393,6 +393,15 @@ def test_text_is_escaped_in_html():
     assert "a &amp; b" in table_html
 
 
+def test_in_a_table_words_begin_at_the_left_and_numbers_end_at_the_right():
+    rows = pd.DataFrame([{"method": "dwa", "what it is": "planner: DWA", "time [s]": "12.3"}])
+    table_html = Table("t", "title", rows).html()
+    assert (
+        '<th scope="col">what it is</th><th scope="col" class="number">time [s]</th>' in table_html
+    )
+    assert '<td>planner: DWA</td><td class="number">12.3</td>' in table_html
+
+
 # -- whole reports ---------------------------------------------------------------------------------
 def test_the_report_is_complete(folder):
     page_text = Path(write(folder)).read_text(encoding="utf-8")

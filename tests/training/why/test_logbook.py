@@ -94,7 +94,21 @@ def test_the_drives_of_one_course_are_found_among_those_of_all():
     assert change.gains == [30.0, 1.0]
     assert change.helped == [True, False]
     (line,) = advice(book_of(logged_bag(stop_at(0.0))), change)
-    assert "and at most a tenth slower in the other 1;" in line
+    assert "whole drives take 30 s less in 1 of the 2 worlds of the worst stops" in line
+    assert "and at most a tenth more in the other one;" in line
+
+
+def test_what_a_change_saves_in_the_world_of_one_stop_is_said_of_the_whole_drive():
+    # The recorded stop cost 10 s, and the simulated drive takes 30 s less.
+    trials = try_out([course_with({"": 40.0, 1.0: 10.0})], [candidate_of(1.0)])
+    bag = logged_bag(stop_at(0.0))
+    (line,) = advice(book_of(bag), CommonChange([bag], trials))
+    saved = "in simulation, the whole drive takes 30 s less in the world of the worst stop"
+    assert line.startswith(f"Try sim_time 2 -> 1: {saved}; arrives ")
+
+    in_vain = try_out([course_with({"": 10.0, 1.0: 10.0})], [candidate_of(1.0)])
+    (line,) = advice(book_of(bag), CommonChange([bag], in_vain))
+    assert line.startswith("Nothing that was tried in the world of the worst stop helped")
 
 
 # -- stops and places
@@ -334,7 +348,8 @@ def test_drives_are_made_once_and_kept_beside_their_bag(monkeypatch):
     assert driven_count == len(calls) > 0
     assert change.gains == again.gains == [10.0, 10.0]
     (line,) = advice(book_of(*bags), change)
-    assert line.startswith("Try sim_time 2 -> 1: 20 s less in 2 of the worst 2 stops; arrives 6 of")
+    result = "in simulation, whole drives take 20 s less in 2 of the 2 worlds of the worst stops"
+    assert line.startswith(f"Try sim_time 2 -> 1: {result}; arrives 6 of")
 
 
 def course_that_fails(monkeypatch, failure):
@@ -481,6 +496,10 @@ def test_a_folder_gives_a_logbook_that_goes_on_where_it_stopped(folder, capsys, 
     with opened(folder.parent / linked.partition("#")[0]) as page:
         assert page.get_by_role("link", name="All stops").count() == 1
     with opened(page_file) as page:
+        sides = {}
+        for head in page.get_by_role("columnheader").all():
+            sides[head.inner_text()] = head.evaluate("head => getComputedStyle(head).textAlign")
+        assert (sides["lost"], sides["stop"], sides["what and why"]) == ("right", "left", "left")
         focused(page, "button", "Place 1").press("Enter")
         assert page.get_by_role("heading", name="2 stops").count() == 1
         assert page.get_by_role("link", name="first.bag").count() == 2

@@ -18,7 +18,7 @@ from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.policy import methods
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
-from applr_ros1.why.events import ASKED, Event
+from applr_ros1.why.events import Event
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
@@ -563,7 +563,7 @@ def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
     line = "No change was tried: the robot lost little time."
     assert answer.advice(short_answer) == [line]
     # A moment that somebody asks about is short, too.
-    event.kind = ASKED
+    event.is_asked = True
     assert answer.advice(short_answer) == []
 
 
@@ -662,7 +662,7 @@ def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_abo
 ):
     monkeypatch.setattr(remedies, "try_out", lambda *args: "trials")
     event = Event("crept", 1.0, 12.0, (0.0, 0.3))
-    moment = replace(event, kind=ASKED)
+    moment = replace(event, is_asked=True)
     with Pool(0) as pool:
         assert remedies.driven_trials(Diagnosis(replayed, [event]), [], pool) == "trials"
         assert remedies.driven_trials(Diagnosis(replayed, [moment]), [], pool) is None

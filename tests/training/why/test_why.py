@@ -9,13 +9,16 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.drives.columns import TopicNames
-from applr_ros1.drives.drive import Plans
+from applr_ros1.drives.drive import REACHED, Goal, Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.why import alternatives
+from applr_ros1.why.answer import headline
 from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, text_of, unknown_robot
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.events import Event
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
@@ -34,7 +37,9 @@ from tests.support.replays import (
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
+from training.why.pages import drive_page
 from training.why.recorded import recording_of
+from training.why.remedies import CANDIDATES
 from training.why.replayed import with_range_of_method
 
 
@@ -244,6 +249,39 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
     assert first_event["cycles"][0]["points"]
     assert page_data["lines"] == output.splitlines()
     assert page_data["notes"] == []
+    # What the robot did, and what the planner chose, at a moment without a stop
+    first_line = output.splitlines()[0]
+    assert first_line.startswith("2.5 to 3.5 s: drove with ")
+    assert first_line.endswith(": nothing held it up (max_vel_x 0.50 m/s).")
+    assert page_data["happened"].startswith("The robot drove with ")
+    assert page_data["happened"].endswith("held it up (max_vel_x 0.50 m/s).")
+    assert "   The planner drives on (" in output
+
+
+def test_of_a_moment_without_a_goal_this_is_said(sound):
+    odometry = sound.drive.odometry
+    late_goal = Goal("goal", odometry.time[-1] - 1.0, odometry.time[-1], REACHED)
+    drive = replace(sound.drive, goals=[late_goal])
+    replay = replace(sound, recording=replace(sound.recording, drive=drive))
+    event = Event("stood", 2.0, 3.0, (0.0, 0.0), is_asked=True)
+    happened = "The robot stood from 2.0 to 3.0 s: it had no goal."
+    assert headline(Diagnosis(replay, [event])) == happened
+
+
+@needs_browser
+def test_the_lines_of_all_that_was_tried_look_different(bag, folder, capsys):
+    _, output, _ = ran(capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--json")
+    path = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
+    rows = [{"words": f"row {row}", "result": "", "paths": [path]} for row in range(CANDIDATES + 1)]
+    recorded, *tried = rows
+    page_file = folder / "why.html"
+    values = {**json.loads(output), "recorded": recorded, "tried": tried}
+    page_file.write_bytes(drive_page(values).html())
+    with opened(page_file) as page:
+        looks = page.locator("label.named").evaluate_all(
+            "labels => labels.map(label => label.children[1].outerHTML)"
+        )
+    assert len(set(looks)) == len(rows)
 
 
 @needs_browser
@@ -418,6 +456,8 @@ def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, c
     [
         (["none.bag"], "none.bag: there is no such file"),
         (["BAG", "--at", "500"], "--at 500: outside the drive, give "),
+        (["BAG", "--out", "none/a.html"], "--out none/a.html: give a file in a folder that can be"),
+        (["BAG", "--map", "none/a.yaml"], "--map none/a.yaml: give a file in a folder that can be"),
         # The image of the map has this name.
         (["BAG", "--map", "seen.pgm"], "--map seen.pgm: give a file that ends in .yaml"),
         (["BAG", "--robot", "nobody"], "nobody"),
