@@ -283,6 +283,11 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
         (demo, ["max_speed:=-1"], "max_speed is -1"),
         (demo, ["simulator:=gazeboo"], "simulator 'gazeboo' is unknown: give pybullet or kin"),
         (demo, ["map:=true"], "has no move_base.with_map: give its files for a map"),
+        (
+            demo,
+            ["record:=/no/such/folder/a.bag"],
+            "record is /no/such/folder/a.bag: give a .bag file in a folder that can be written",
+        ),
         (play, ["robot:=foo"], "robot foo: give"),
         (play, ["rviz:=maybe"], "rviz is maybe: give true or false"),
     ],

@@ -30,7 +30,7 @@ import worlds
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import is_in_writable_folder, write_bytes
+from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.drives.contact import contact_speed
@@ -57,6 +57,7 @@ from sim_bridge.ros_bridge import BASE_TIME_S
 from .bag_recorder import BagRecorder
 from .launcher import (
     LaunchedNodes,
+    check_file,
     given_arguments,
     launch_arguments,
     private_nodes,
@@ -154,13 +155,9 @@ def prepare(words: Sequence[str]) -> DemoSetup:
         with contextlib.suppress(ValueError):
             values[argument_name] = number_type(values[argument_name])
         number_within(argument_name, values[argument_name], lowest, highest)
-    # A drive of minutes must not end with a page that cannot be written.
     if values["page"] != "none":
         values["page"] = os.path.abspath(values["page"])
-        is_writable = is_in_writable_folder(values["page"])
-        if not is_writable or not values["page"].endswith(".html"):
-            advice = "give a .html file in a folder that can be written"
-            raise ApplrError(f"page is {values['page']}: {advice}")
+        check_file("page", values["page"], ".html")
 
     # An invalid robot, method or world is an error before anything starts.
     robot, world = scene_of(values)

@@ -28,6 +28,7 @@ from rosgraph.names import load_mappings
 import sim_bridge
 from applr_ros1.common.arguments import boolean, number_within
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import is_in_writable_folder
 from applr_ros1.common.progress import announced
 from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES, Robot, load
@@ -93,7 +94,19 @@ def given_arguments(
     for argument_name in {"robot", "world", "record"} & set(arguments):
         if _is_path(argument_name, arguments[argument_name]):
             arguments[argument_name] = os.path.abspath(arguments[argument_name])
+    if arguments.get("record", "none") != "none":
+        check_file("record", arguments["record"], ".bag")
     return arguments
+
+
+def check_file(name: str, path: str, ending: str) -> None:
+    """Raise ApplrError if a file of a name with this ending cannot be written.
+
+    A drive of minutes must not end with a file that cannot be written.
+    """
+    if not is_in_writable_folder(path) or not path.endswith(ending):
+        advice = f"give a {ending} file in a folder that can be written"
+        raise ApplrError(f"{name} is {path}: {advice}")
 
 
 def _check_kind(name: str, value: str, default: str) -> None:
