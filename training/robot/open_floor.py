@@ -22,13 +22,14 @@ from applr_ros1.drives import simulate
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from training.robot.failure import STANDS, failure_of
-from training.robot.single_changes import single_candidates
+from training.robot.single_changes import advice_of, single_candidates
 from training.why.candidates import with_changes
 from worlds import Course, World
 from worlds.world import NO_CIRCLE_M
@@ -40,8 +41,8 @@ WALL_THICKNESS_M = 0.1  # thickness of the walls beside the door [m]
 # A course ends when the robot has also turned to the heading of the goal, or after a minute.
 RULES = Rules(ends_at_tolerance=False, limit=60.0)
 NO_REMEDY = (
-    "no change of a single planner parameter helps: "
-    "compare footprint, body, laser and base in robot.yaml"
+    "none of {count} changes of a single parameter that were tried helps: compare footprint, body, "
+    "laser and base in robot.yaml, and the parameter files with those of an included robot"
 )
 SEED = 1
 SEARCH_S = 60.0  # interval between progress lines of the search for a remedy [s]
@@ -127,7 +128,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     # A fault that is known explains the failure better than a parameter that happens to avoid it.
     known_faults = []
     for remark in check.remarks(robot):
-        if remark.correction and _is_within_space(corrected(robot, [remark])):
+        if remark.correction and _is_accepted(corrected(robot, [remark])):
             known_faults.append(remark)
     course, reason = next(iter(failures.items()))
     searching = f"searching for a remedy, because it does not {course} ({reason})"
@@ -150,8 +151,6 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
     """
 
     def succeeds(changed: Robot) -> bool:
-        if not _is_within_space(changed):
-            return False
         floor = OpenFloor(changed)
         # A change that does not help is noticed soonest on the courses that failed.
         first = sorted(courses(changed), key=lambda world: world.name not in failed)
@@ -162,7 +161,8 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
     if len(known_faults) > 1:
         attempts.append([*known_faults])
     for attempt in attempts:
-        if succeeds(corrected(robot, attempt)):
+        changed = corrected(robot, attempt)
+        if _is_accepted(changed) and succeeds(changed):
             return f"{_lines(attempt)}; once this is corrected, all four courses succeed"
 
     # A single parameter, on top of all corrections
@@ -170,12 +170,17 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
     if known_faults:
         corrections_first = f"{_lines(known_faults)}; once this is corrected, "
     without_faults = corrected(robot, known_faults)
+    count = 0
     for candidate in single_candidates(without_faults):
         name = f"{without_faults.name} with {candidate}"
-        if succeeds(with_changes(without_faults, candidate.changes, name)):
-            advice = candidate.changes[0].advice
+        changed = with_changes(without_faults, candidate.changes, name)
+        if not _is_accepted(changed):
+            continue
+        count += 1
+        if succeeds(changed):
+            advice = advice_of(without_faults, candidate)
             return f"{corrections_first}all four courses succeed if you {advice}"
-    return corrections_first + NO_REMEDY
+    return corrections_first + NO_REMEDY.format(count=count)
 
 
 def corrected(robot: Robot, remarks: Sequence[Remark]) -> Robot:
@@ -186,8 +191,10 @@ def corrected(robot: Robot, remarks: Sequence[Remark]) -> Robot:
     return robot
 
 
-def _is_within_space(robot: Robot) -> bool:
-    """Return whether the robot's values lie within its parameter space, as a drive requires."""
+def _is_accepted(robot: Robot) -> bool:
+    """Return whether the robot's values agree and lie within its space, as a drive requires."""
+    if parameters.check(robot.parameters()):
+        return False
     return not any(check.space_errors(robot, robot.all_parameters()))
 
 

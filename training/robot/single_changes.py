@@ -1,15 +1,25 @@
-"""Changes of single parameters, for a robot that does not drive at all."""
+"""Changes of single parameters, for a robot that does not drive on open floor.
+
+A value that is unlike every usual one is the likeliest cause of a failure, whichever parameter has
+it. Therefore usual values of such parameters are tried first, the most unusual parameter ahead,
+then changes that free most robots, and at last usual values of all other parameters.
+"""
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, Sequence, Tuple
+from itertools import chain, islice
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.declarations import tables
+from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
-from training.why.candidates import Candidate
+from applr_ros1.robots.robot import SpaceParameter, Target
+from training.robot.usual_values import GOAL_TOLERANCE, ParameterPlace, UsualValues, places_of
+from training.why.candidates import UNUSUAL, Candidate, Rated
 
-# Changes that are tried if no drive tells more: (parameter of the robot's
+# Changes that are tried if no unusual value tells more: (parameter of the robot's
 # space, factor on its value), in the order of the attempts. The first ones free most robots.
 FACTORS = (
     ("occdist_scale", 0.1),
@@ -21,14 +31,65 @@ FACTORS = (
     ("path_distance_bias", 0.3),
     ("vx_samples", 3.0),
 )
-GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
+MOST_CHANGES = 40  # largest number of changes; a drive of some seconds takes place for each
+
+
+class InSpace(NamedTuple):
+    """Parameter of the robot's space, and one of the addresses that it sets.
+
+    Attributes:
+        parameter: Parameter of the space, with its range.
+        target: Address of a value that follows it, perhaps with the opposite sign.
+    """
+
+    parameter: SpaceParameter
+    target: Target
+
+    def read(self, value: Any) -> Any:
+        """Return the parameter's number for a value at the address."""
+        return self.target.signed(value)
+
+    def written(self, number: Any) -> Any:
+        """Return the value at the address for a number, which is kept within the range."""
+        within = min(max(number, self.parameter.low), self.parameter.high)
+        return self.target.signed(within)
 
 
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
-    """Yield changes of a single parameter of the planner for a robot that does not drive at all.
+    """Yield at most MOST_CHANGES changes of a single parameter, the likeliest remedy first.
 
-    A parameter of the robot's space may stand in several places, which change together.
+    A parameter may stand in several places, which change together.
     """
+    unusual = []
+    others = []
+    for rated in _usual_instead(robot):
+        if rated.departure >= UNUSUAL:
+            unusual.append(rated.candidate)
+        else:
+            others.append(rated.candidate)
+    in_order = chain(unusual, _frequent_remedies(robot), others)
+    # Several rules may ask for the same change.
+    yield from islice(dict.fromkeys(in_order), MOST_CHANGES)
+
+
+def advice_of(robot: Robot, candidate: Candidate) -> str:
+    """Return all changes of a candidate as an instruction for the robot's files.
+
+    Each parameter is called by its latest name.
+    """
+    in_files = robot.parameters()
+    declarations = tables(robot.all_parameters())
+    instructions = []
+    for change in candidate.changes:
+        latest_names = {declared.name for declared in declarations[change.server]}
+        if change.name in latest_names and change.after != change.before:
+            section = section_in_files(in_files, change.server)
+            instructions.append(change._replace(server=section).advice)
+    return " and ".join(instructions)
+
+
+def _frequent_remedies(robot: Robot) -> Iterator[Candidate]:
+    """Yield changes that free most robots, whether their values are usual or not."""
     tree = robot.all_parameters()
     space = {parameter.name: parameter for parameter in robot.space}
     for parameter_name, factor in FACTORS:
@@ -69,3 +130,55 @@ def _single(
     for server, name in places:
         changes.append(Change(server, name, branch(tree, server)[name], new_value))
     yield Candidate(tuple(changes))
+
+
+def _usual_instead(robot: Robot) -> List[Rated]:
+    """Return changes to usual values, those of the most unusual parameter first."""
+    space = {}
+    for parameter in robot.space:
+        for target in parameter.sets:
+            space[target.server, target.name] = InSpace(parameter, target)
+    usual_values = UsualValues(robot)
+    groups: Dict[Tuple[str, Any], List[ParameterPlace]] = {}
+    for place in places_of(robot):
+        groups.setdefault(_key(space, place), []).append(place)
+
+    rated_candidates = []
+    for group in groups.values():
+        first = group[0]
+        departure = usual_values.departure(first)
+        for usual_value in usual_values.to_try(first):
+            changes = tuple(_changes(space, group, usual_value))
+            if changes:
+                rated_candidates.append(Rated(departure, Candidate(changes)))
+    rated_candidates.sort(key=lambda rated: -rated.departure)
+    return rated_candidates
+
+
+def _key(space: Dict[Tuple[str, str], InSpace], place: ParameterPlace) -> Tuple[str, Any]:
+    """Return what places have in common that change together.
+
+    They belong to the same parameter, such as a radius in both costmaps, and have the same value.
+    """
+    in_space = space.get((place.server, place.name))
+    if in_space is None:
+        return place.name, place.value
+    return in_space.parameter.name, in_space.read(place.value)
+
+
+def _changes(
+    space: Dict[Tuple[str, str], InSpace], group: Sequence[ParameterPlace], usual_value: Any
+) -> Iterator[Change]:
+    """Yield the changes that give a usual value of the first place to a group of places."""
+    first = group[0]
+    first_in_space = space.get((first.server, first.name))
+    number = first_in_space.read(usual_value) if first_in_space else usual_value
+    for place in group:
+        in_space = space.get((place.server, place.name))
+        value = in_space.written(number) if in_space else number
+        # A number of samples stays whole.
+        value = type(place.value)(value)
+        if value != place.value:
+            # Older names have the same value.
+            for name in place.declared.names:
+                yield Change(place.server, name, place.value, value)

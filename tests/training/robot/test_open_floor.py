@@ -13,11 +13,12 @@ from applr_ros1.robots.check import Remark
 from applr_ros1.robots.folder import forget, read
 from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
-from training.robot import open_floor
+from training.robot import open_floor, single_changes
 from training.robot.failure import STANDS, failure_of
 from training.robot.open_floor import OpenFloor, courses
-from training.robot.single_changes import single_candidates
-from training.why.candidates import with_changes
+from training.robot.single_changes import advice_of, single_candidates
+from training.robot.usual_values import UsualValues, places_of
+from training.why.candidates import Candidate, with_changes
 
 BURGER = load("turtlebot3_burger")
 HUSKY = load("husky")
@@ -196,7 +197,7 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
         changed_entries = np.flatnonzero(theta != space.theta0)
         changed_names = [space.names[index] for index in changed_entries]
         # A parameter outside the policy's space changes nothing of it.
-        assert changed_names == [change.name] * (change.name in space.names)
+        assert changed_names == [name for name in candidate.names if name in space.names]
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()
 
@@ -234,7 +235,7 @@ def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypat
     assert not is_driving
     assert "door of 0.53 m: the collision monitor intervenes" in door_line
     assert error.startswith("error: it does not drive through a door of 0.53 m: ")
-    assert "no change of a single planner parameter helps" in error
+    assert "none of 0 changes of a single parameter that were tried helps" in error
 
 
 @pytest.mark.heavy
@@ -301,8 +302,152 @@ def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):
     robot = BURGER.with_parameters(CANNOT_TURN, "burger with a fault")
     is_driving, (*_, error) = open_floor.try_out(robot)
     assert not is_driving
-    assert error.endswith(open_floor.NO_REMEDY)
+    assert error.endswith(open_floor.NO_REMEDY.format(count=0))
     assert "a fault" not in error
+
+
+def burger_with(tmp_path, old, new):
+    """Return the burger from a copy of its folder, in whose planner's file a line is replaced."""
+    folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    file = folder / PLANNER
+    content = file.read_text()
+    assert old in content
+    file.write_text(content.replace(old, new))
+    return read(str(folder))
+
+
+# A line of the burger's file, an unusual value, and the change that is tried first
+UNUSUAL_VALUES = [
+    ("occdist_scale: 0.02", "occdist_scale: 20.0", "occdist_scale to 0.02 instead of 20"),
+    (
+        "forward_point_distance: 0.325",
+        "forward_point_distance: 3.0",
+        "forward_point_distance to 0.325 instead of 3",
+    ),
+    ("acc_lim_theta: 3.2", "acc_lim_theta: 0.1", "acc_lim_theta to 3.2 instead of 0.1"),
+    # The base accelerates at 1 m/s^2.
+    ("acc_lim_x: 2.5", "acc_lim_x: 0.1", "acc_lim_x to 1 instead of 0.1"),
+    ("sim_time: 1.5", "sim_time: 0.0", "sim_time to 1.7 instead of 0"),
+    # It has no value of another robot.
+    ("yaw_goal_tolerance: 0.17", "yaw_goal_tolerance: 0.0", "yaw_goal_tolerance to 0.2 instead of"),
+    ("vth_samples: 40", "vth_samples: 2", "vth_samples to 20 instead of 2"),
+    # It is no parameter of the robot's space.
+    ("publish_traj_pc: true", "scaling_speed: 40.0", "scaling_speed to 0.25 instead of 40"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "advice"), UNUSUAL_VALUES)
+def test_the_usual_value_of_an_unusual_parameter_is_tried_first(old, new, advice, tmp_path):
+    robot = burger_with(tmp_path, old, new)
+    first, *_ = single_candidates(robot)
+    assert advice_of(robot, first).startswith(f"set DWAPlannerROS/{advice}")
+
+
+def test_the_most_unusual_of_two_values_is_tried_first():
+    # Four times a usual speed, and twenty times a usual share that is declared after it
+    values = {"DWAPlannerROS": {"scaling_speed": 1.0, "max_scaling_factor": 4.0}}
+    robot = BURGER.with_parameters(values, "burger of two unusual values")
+    first, second, *_ = single_candidates(robot)
+    assert [*first.names, *second.names] == ["max_scaling_factor", "scaling_speed"]
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("old", "new", "advice"), UNUSUAL_VALUES[:3])
+def test_the_remedy_names_the_value_that_was_changed(old, new, advice, tmp_path):
+    _, (*_, last_line) = open_floor.try_out(burger_with(tmp_path, old, new))
+    assert last_line.endswith(f": all four courses succeed if you set DWAPlannerROS/{advice}")
+
+
+def test_values_of_included_robots_with_the_same_planner_are_tried(tmp_path):
+    """The burger's path weight is far above the default, which does not fit its goal weight."""
+    robot = burger_with(tmp_path, "path_distance_bias: 32.0", "path_distance_bias: 0.01")
+    in_order = [advice_of(robot, candidate) for candidate in single_candidates(robot)]
+    assert in_order[:2] == [
+        "set DWAPlannerROS/path_distance_bias to 0.6 instead of 0.01",
+        "set DWAPlannerROS/path_distance_bias to 32 instead of 0.01",
+    ]
+
+
+def test_values_of_a_usual_robot_are_tried_after_the_changes_that_free_most_robots():
+    in_order = [advice_of(HUSKY, candidate) for candidate in single_candidates(HUSKY)]
+    assert in_order[0] == "set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
+    other_weight = in_order.index("set DWAPlannerROS/path_distance_bias to 32 instead of 0.6")
+    assert other_weight > in_order.index("set planner_frequency to 1 instead of 0")
+
+
+def test_the_largest_speed_of_the_base_is_usual(tmp_path):
+    """No other robot of this planner turns so fast, and none drives faster than its base."""
+    largest = BURGER.base.max_yaw_rate
+    robot = burger_with(tmp_path, "max_vel_theta: 2.75", f"max_vel_theta: {largest}")
+    usual_values = UsualValues(robot)
+    (turn_rate,) = [place for place in places_of(robot) if place.name == "max_vel_theta"]
+    assert usual_values.departure(turn_rate) == 0.0
+    speeds = [place for place in places_of(robot) if place.name in ("max_vel_x", "max_vel_trans")]
+    for place in speeds:
+        # Defaults and other robots have 0.55 m/s.
+        assert usual_values.to_try(place) == [BURGER.base.max_speed]
+
+
+def test_a_radius_changes_in_both_costmaps_if_they_share_it():
+    """The burger's files give it to the costmaps, whose values its layers take."""
+
+    def advice_with(radius_of_local):
+        costmaps = {
+            "local_costmap": {"inflation_radius": radius_of_local},
+            "global_costmap": {"inflation_radius": 9.0},
+        }
+        robot = BURGER.with_parameters(costmaps, f"burger of radii 9 and {radius_of_local}")
+        first, *_ = single_candidates(robot)
+        return advice_of(robot, first)
+
+    of_global = "set global_costmap/inflation_radius to 1 instead of 9"
+    of_local = "set local_costmap/inflation_radius to 1 instead of 9"
+    assert advice_with(9.0) == f"{of_global} and {of_local}"
+    assert advice_with(1.0) == of_global
+
+
+def test_limits_of_a_turn_keep_their_signs():
+    slow_turn = {"TrajectoryPlannerROS": {"max_vel_theta": 0.01, "min_vel_theta": -0.01}}
+    robot = JACKAL.with_parameters(slow_turn, "jackal that hardly turns")
+    first, *_ = single_candidates(robot)
+    assert advice_of(robot, first) == (
+        "set TrajectoryPlannerROS/max_vel_theta to 1 instead of 0.01 "
+        "and set TrajectoryPlannerROS/min_vel_theta to -1 instead of -0.01"
+    )
+
+
+def test_older_names_change_as_well_and_are_not_named():
+    heavy_weight = {"TrajectoryPlannerROS": {"path_distance_bias": 5.0, "pdist_scale": 5.0}}
+    robot = JACKAL.with_parameters(heavy_weight, "jackal that keeps to its path")
+    first, *_ = single_candidates(robot)
+    assert first.names == ["path_distance_bias", "pdist_scale"]
+    advice = "set TrajectoryPlannerROS/path_distance_bias to 0.6 instead of 5"
+    assert advice_of(robot, first) == advice
+
+
+@pytest.mark.parametrize("robot", [BURGER, JACKAL, HUSKY], ids=lambda robot: robot.name)
+def test_no_change_is_tried_twice_and_their_number_is_bounded(robot, monkeypatch):
+    monkeypatch.setattr(single_changes, "MOST_CHANGES", 1000)
+    candidates = list(single_candidates(robot))
+    assert len(set(candidates)) == len(candidates) > 20
+    monkeypatch.setattr(single_changes, "MOST_CHANGES", 20)
+    assert list(single_candidates(robot)) == candidates[:20]
+
+
+@pytest.mark.heavy
+def test_changes_that_do_not_help_are_counted_unless_no_drive_takes_place(monkeypatch):
+    """One sample less does not help; a speed above its range and too many samples are no drives."""
+    changes = [
+        Change("DWAPlannerROS", "vx_samples", 20, 19),
+        Change("DWAPlannerROS", "max_vel_x", 0.22, 9.0),
+        Change("DWAPlannerROS", "vy_samples", 1, 1_000_000),
+    ]
+    candidates = [Candidate((change,)) for change in changes]
+    monkeypatch.setattr(open_floor, "single_candidates", lambda robot: candidates)
+    leave_out(monkeypatch, 1)
+    robot = BURGER.with_parameters(CANNOT_TURN, "burger that cannot turn at all")
+    _, (*_, error) = open_floor.try_out(robot)
+    assert "none of 1 changes of a single parameter that were tried helps" in error
 
 
 def test_a_change_of_linked_values_knows_what_each_of_them_was():

@@ -1,0 +1,137 @@
+"""Usual values of move_base's parameters, and how far a robot's own values are from them.
+
+Usual values are the declared default, those of the included robots and the limits of the base.
+Numbers and flags of move_base itself, of the local planner and of the inflation layers are
+compared; the other values of a costmap depend on sensors and surroundings.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, List, NamedTuple
+
+from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.declarations import tables
+from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, layers
+from applr_ros1.planner.parameters.parameter import RESTORE, Parameter
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.robots import NAMES, Robot, load
+from training.why.candidates import UNUSUAL
+
+GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
+
+
+class ParameterPlace(NamedTuple):
+    """Place of a number or flag among the parameters of move_base.
+
+    Attributes:
+        server: Section below move_base; "" is move_base itself.
+        declared: Declaration of the parameter.
+        value: Value in force, in the declared unit.
+    """
+
+    server: str
+    declared: Parameter
+    value: Any
+
+    @property
+    def name(self) -> str:
+        """Latest name of the parameter."""
+        return self.declared.name
+
+
+def places_of(robot: Robot) -> List[ParameterPlace]:
+    """Return the numbers and flags of move_base itself, local planner and inflation layers."""
+    tree = robot.all_parameters()
+    servers = ["", robot.local_planner]
+    for costmap in COSTMAPS:
+        for layer in layers(costmap, tree[costmap], INFLATION_LAYER):
+            servers.append(layer.path)
+    declarations = tables(tree)
+    places = []
+    for server in servers:
+        section = branch(tree, server)
+        for declared in declarations[server]:
+            value = section.get(declared.name)
+            # RESTORE is a command, not a value. Flags are numbers in Python.
+            if isinstance(value, (int, float)) and declared is not RESTORE:
+                places.append(ParameterPlace(server, declared, value))
+    return places
+
+
+def departure(value: Any, usual_value: Any) -> float:
+    """Return the absolute logarithm of the ratio of two values; inf if they have no ratio.
+
+    Flags, zeros and values of opposite signs have none.
+    """
+    if value == usual_value:
+        return 0.0
+    if isinstance(value, bool):
+        return math.inf
+    return math.log(Change("", "", value, usual_value).departure)
+
+
+class UsualValues:
+    """Usual values of the parameters of one robot.
+
+    Args:
+        robot: Robot whose base limits the speeds, and whose local planner is compared.
+    """
+
+    def __init__(self, robot: Robot):
+        base = robot.base
+        self._largest = {"speed": base.max_speed, "turn": base.max_yaw_rate}
+        # Limits that the planner may know from the base, by name [m/s^2, rad/s^2]
+        self._of_base = {
+            "acc_lim_x": base.max_acceleration,
+            "acc_lim_theta": base.max_yaw_acceleration,
+        }
+        # Parameters of which one value is tried: the base has no speed sideways, and a goal must be
+        # reachable.
+        self._only = {
+            "max_vel_y": 0.0,
+            "min_vel_y": 0.0,
+            "yaw_goal_tolerance": GOAL_TOLERANCE,
+            "xy_goal_tolerance": GOAL_TOLERANCE,
+        }
+        self._of_robots: Dict[str, List[Any]] = {}  # values by name
+        for robot_name in NAMES:
+            included = load(robot_name)
+            for place in places_of(included):
+                # Parameters of another local planner have the same names and other meanings.
+                is_of_planner = place.server == included.local_planner
+                if not is_of_planner or included.local_planner == robot.local_planner:
+                    self._of_robots.setdefault(place.name, []).append(place.value)
+
+    def departure(self, place: ParameterPlace) -> float:
+        """Return the departure of a value from the nearest usual one."""
+        references = self._known(place)
+        # A planner may use all the speed of its base.
+        if place.declared.kind in self._largest and place.name.startswith("max_"):
+            references.append(self._largest[place.declared.kind])
+        if place.name in self._only:
+            references.append(self._only[place.name])
+        return min(departure(place.value, reference) for reference in references)
+
+    def to_try(self, place: ParameterPlace) -> List[Any]:
+        """Return the values to try instead of one, the nearest first.
+
+        Those that are nearly equal are tried once. Speeds stay within the limits of the base.
+        """
+        if place.name in self._only:
+            return [self._only[place.name]]
+        largest = self._largest.get(place.declared.kind, math.inf)
+        distinct: List[Any] = []
+        for value in self._known(place):
+            if abs(value) > largest:
+                value = math.copysign(largest, value)
+            if all(departure(value, other) >= UNUSUAL for other in distinct):
+                distinct.append(value)
+        return sorted(distinct, key=lambda value: departure(place.value, value))
+
+    def _known(self, place: ParameterPlace) -> List[Any]:
+        """Return the base's own value, the declared default, and those of the included robots."""
+        known = [place.declared.default, *self._of_robots.get(place.name, [])]
+        if place.name in self._of_base:
+            known.insert(0, self._of_base[place.name])
+        return known
