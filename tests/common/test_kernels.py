@@ -190,6 +190,7 @@ def test_threads_that_call_a_kernel_first_together_make_one_dispatcher(monkeypat
     assert first_dispatcher is second_dispatcher
 
 
+@pytest.mark.slow
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):
     processes = [start("code") for _ in range(2)]
     for process in processes:

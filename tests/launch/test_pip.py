@@ -60,6 +60,7 @@ def installed(tmp_path_factory):
     return Installed(target, target / "bin" / "applr-ros1", run_there)
 
 
+@pytest.mark.slow
 def test_a_wheel_has_the_packages_of_the_clone_with_their_data(installed):
     installed_names = set()
     for path in installed.folder.iterdir():
@@ -75,6 +76,7 @@ def test_a_wheel_has_the_packages_of_the_clone_with_their_data(installed):
         assert (installed.folder / data_file).is_file()
 
 
+@pytest.mark.slow
 def test_the_program_prints_names_and_version(installed):
     version = xml.parse(ROOT / "package.xml").findtext("version")
     assert installed.run(installed.program, "--version") == f"applr_ros1 {version}\n"

@@ -67,6 +67,7 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
     assert not any(name.startswith(DEFAULT_PLANNER) for name in [*published_kinds, *services])
 
 
+@pytest.mark.slow
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
     """The Husky's static parameter set is applied, although the costmap layers have other names
     than on the Husky.

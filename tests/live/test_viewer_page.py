@@ -135,7 +135,8 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
 
 def test_the_robot_goes_to_a_click_and_stops(page):
     sent_goals = []
-    rospy.Subscriber("/move_base_simple/goal", PoseStamped, sent_goals.append)
+    subscriber = rospy.Subscriber("/move_base_simple/goal", PoseStamped, sent_goals.append)
+    wait_for(subscriber.get_num_connections, "the connection to the viewer")
     # Slow enough that the goal is not reached before a busy browser shows that it is active.
     page.get_by_role("slider", name="max_vel_x [m/s]").press("Home")
     wait_for(lambda: rospy.get_param(SPEED) == 0.2, "the parameter")

@@ -194,7 +194,7 @@ def error(simulator, v, w, **options):
 @pytest.mark.parametrize(
     ("name", "robot"),
     [
-        ("pybullet", "jackal"),
+        pytest.param("pybullet", "jackal", marks=pytest.mark.slow),
         *itertools.product(["kinematic"], robots.NAMES),
     ],
 )
@@ -674,7 +674,7 @@ def among_obstacles(simulator, seed):
     return simulator.state.pose, has_touched
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
     kinematic = sim_bridge.make("kinematic")

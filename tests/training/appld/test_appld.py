@@ -373,7 +373,7 @@ def test_contexts_are_named_by_what_distinguishes_them_from_the_usual_one():
     ]
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(appld_fit, "LONGEST", 10)
     monkeypatch.setattr(appld_classifier, "STEPS", 30)

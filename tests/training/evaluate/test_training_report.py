@@ -435,6 +435,7 @@ def test_the_report_is_complete(folder):
 
 @pytest.mark.heavy
 @needs_browser
+@pytest.mark.slow
 def test_the_figure_of_the_report_says_by_keyboard_what_each_point_is(folder):
     with opened(Path(write(folder))) as page:
         slider = focused(page, "slider", "World of the group Test")

@@ -351,7 +351,7 @@ def test_the_most_unusual_of_two_values_is_tried_first():
     assert [*first.names, *second.names] == ["max_scaling_factor", "scaling_speed"]
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "new", "advice"), UNUSUAL_VALUES[:3])
 def test_the_remedy_names_the_value_that_was_changed(old, new, advice, tmp_path):
     _, (*_, last_line) = open_floor.try_out(burger_with(tmp_path, old, new))
