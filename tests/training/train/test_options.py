@@ -35,7 +35,7 @@ from training.train.td3.td3 import ACTOR_LR, TAU
         (["--recipe", "offline"], "learns offline: give a --dataset"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
         (
-            ["--recipe", "jackal", "--robot", "turtlebot3_burger"],
+            ["--recipe", "jackal", "--robot", "turtlebot3_burger", *NO_EVALUATION],
             "static: there is no .*/static.json: give --init-from dwa, or first run `./applr tune",
         ),
         (["--init-from", "nope.safetensors", *NO_EVALUATION], "nope.safetensors: cannot be read"),
