@@ -240,14 +240,21 @@ def test_the_guard_stops_a_base_whose_commands_have_another_topic(stack, tmp_pat
     description = (folder / "robot.yaml").read_text()
     (folder / "robot.yaml").write_text(description.replace("cmd_vel: cmd_vel", "cmd_vel: wheels"))
     senders = []
-    subscriber = rospy.Subscriber(
-        "/wheels", Twist, lambda message: senders.append(message._connection_header["callerid"])
-    )
+
+    def remember_sender(message):
+        senders.append(message._connection_header["callerid"])
+
+    subscriber = rospy.Subscriber("/wheels", Twist, remember_sender)
     names = "__name:=of_wheels", "cmd_vel_in:=wheels_in"
     child = session().node("collision_monitor", *INPUTS, f"_robot:={folder}", *names)
     commands = rospy.Publisher("/wheels_in", Twist, queue_size=1)
     child.until(lambda: commands.get_num_connections() and "/of_wheels" in senders)
+    # The base connects a second late.
+    subscriber.unregister()
     os.kill(node_pid("/of_wheels"), signal.SIGKILL)
+    time.sleep(1.0)
+    senders.clear()
+    subscriber = rospy.Subscriber("/wheels", Twist, remember_sender)
     wait_for(lambda: "/of_wheels_guard" in senders, "zeros of the guard")
     wait_for(lambda: not child.alive(), "the end of the guard")
     subscriber.unregister()

@@ -31,6 +31,7 @@ PIPE_VARIABLE = "APPLR_HEARTBEAT"
 SILENCE_S = 0.35  # time without a heartbeat after which zeros are published [s]
 FROZEN_S = 5.0  # time without a heartbeat after which the node is killed [s]
 ENDS_S = 3.0  # time for the node to exit at shutdown before it is killed [s]
+CONNECTS_S = 5.0  # time for the base to connect to the guard before it ends [s]
 
 
 class Heartbeat:
@@ -116,8 +117,20 @@ def _watch() -> int:
     if last_beat < math.inf:
         problem = "collision monitor: the node has ended"
         rospy.logerr("%s; the base is stopped until roslaunch restarts the node", problem)
+        _wait_for_base(commands)
         publish_zeros(commands)
     return node.wait()
+
+
+def _wait_for_base(commands: rospy.Publisher) -> None:
+    """Wait until the base has connected, for CONNECTS_S at most.
+
+    The base hears of the guard's topic with the node's first heartbeat, which may have been a
+    moment ago.
+    """
+    deadline = time.monotonic() + CONNECTS_S
+    while not commands.get_num_connections() and time.monotonic() < deadline:
+        time.sleep(ZEROS_S)
 
 
 def _publisher(topic: str) -> rospy.Publisher:
