@@ -5,8 +5,6 @@ CollisionMonitor holds one Lasers. Lasers that share a topic are told apart by t
 
 from typing import Iterable, Iterator, List, Optional
 
-import numpy as np
-
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory
 from applr_ros1.monitor.moving import CertainTracks
@@ -32,8 +30,6 @@ class WatchedLaser:
         count: number of scans since the start.
         suspects: what moves in the odometry's frame, where slipping wheels move what stands, too.
         movers: what moves in the frame of corrected poses.
-        gaps: points (n, 2) [m] of the latest scan from behind which something may come, in the
-            same frame; none if nothing does.
     """
 
     def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
@@ -64,7 +60,6 @@ class WatchedLaser:
         place, its track is still needed.
         """
         self.memory.clear()
-        self.gaps = np.empty((0, 2))
 
     def forget_tracks(self) -> None:
         """Forget what moves, because poses are corrected anew."""

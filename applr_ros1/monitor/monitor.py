@@ -22,8 +22,6 @@ from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
     Discs,
-    gaps_in,
-    hidden_discs,
     tracked_discs,
     without_movers,
 )
@@ -267,8 +265,6 @@ class CollisionMonitor:
         movers = laser.movers.update(scan)
         if not len(suspects.x) and not len(movers.x):
             self.matched_frame.follow(self.matcher, correction_before)
-        if self.settings.mover_speed > 0.0:
-            laser.gaps = gaps_in(scan)
 
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
@@ -463,7 +459,6 @@ class CollisionMonitor:
             pose: corrected pose (x, y, yaw) of the robot.
             stamp: time of this pose [s].
         """
-        settings = self.settings
         discs = []
         for laser in self.lasers:
             if laser.stamp is None:
@@ -471,10 +466,8 @@ class CollisionMonitor:
             age = stamp - laser.stamp
             movers = laser.movers.latest
             if len(movers.x):
-                acceleration = settings.mover_acceleration
+                acceleration = self.settings.mover_acceleration
                 discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
-            if len(laser.gaps):
-                discs.append(hidden_discs(laser.gaps, pose, age, settings.mover_speed))
         return np.concatenate(discs) if discs else NO_DISCS
 
     def _judge(

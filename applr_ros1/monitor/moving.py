@@ -3,9 +3,8 @@
 Passive safety (Macek, Vasquez, Fraichard and Siegwart, "Safe vehicle navigation in dynamic urban
 scenarios", ITSC 2008): whatever the others do within what is assumed of them, the base rests before
 a contact. A tracked obstacle is assumed to keep its velocity, known up to the tracker's covariance,
-and to change it by no more than an acceleration. Unobserved space behind a corner may send
-something at a speed. Both are discs that grow. stopping.py compares them with the body, time for
-time.
+and to change it by no more than an acceleration. It is a disc that grows. stopping.py compares it
+with the body, time for time.
 """
 
 import math
@@ -18,7 +17,6 @@ from applr_ros1.common.angles import Pose, inverse, transform_motions, transform
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
-from applr_ros1.monitor.rays import covers_full_turn
 from applr_ros1.movers.tracker import Movers, MoverTracker
 
 # Standard deviations of a tracked position by which its disc is larger. Half of the filter's
@@ -34,16 +32,12 @@ ON_MOVER_M = 0.2  # distance from a tracked disc within which a range ends on it
 AHEAD_S = 1.4
 AHEAD_STEP_S = 0.1
 AHEAD_STEPS = round(AHEAD_S / AHEAD_STEP_S)
-# Difference between the ranges of neighbouring beams behind which something may hide [m]
-HIDING_M = 0.4
-HIDDEN_APART_M = 0.15  # distance between the discs along such a gap [m]
-HIDDEN_REACH_M = 4.0  # length of a gap, from the nearer range on, that is taken into account [m]
 
 # x, y: centre [m], in the robot's frame at its latest pose. vx, vy: velocity [m/s].
 # radius [m]. pp, pv, vv: variance of the position, covariance of position and velocity, variance of
 #     the velocity, along each axis.
-# acceleration: largest change of the velocity [m/s^2]. growth: speed at which the radius grows
-#     [m/s]. age: age of the disc at the time of the pose [s].
+# acceleration: largest change of the velocity [m/s^2]. age: age of the disc at the time of the
+#     pose [s].
 DISC = np.dtype(
     [
         ("x", np.float64),
@@ -55,7 +49,6 @@ DISC = np.dtype(
         ("pv", np.float64),
         ("vv", np.float64),
         ("acceleration", np.float64),
-        ("growth", np.float64),
         ("age", np.float64),
     ],
     align=True,
@@ -172,46 +165,6 @@ def _without_discs(ranges: Array32, directions: Array, discs: Array) -> Array32:
     return kept_ranges
 
 
-def gaps_in(scan: LaserScan) -> Array:
-    """Return points (n, 2) [m] of a scan's frame from behind which something may come.
-
-    They are on the farther one of two neighbouring beams, beyond the end of the nearer one.
-    """
-    ranges = np.clip(np.nan_to_num(scan.ranges, nan=0.0), 0.0, scan.range_max)
-    is_known = scan.ranges >= scan.range_min
-    beams = np.arange(len(ranges))
-    points = [np.empty((0, 2))]
-    for neighbour in (-1, 1):
-        near_ranges = np.roll(ranges, neighbour)
-        is_gap = is_known & np.roll(is_known, neighbour) & (ranges - near_ranges > HIDING_M)
-        if not covers_full_turn(len(ranges), scan.angle_increment):
-            is_gap[-1 if neighbour < 0 else 0] = False  # The ends of the scan are no neighbours.
-        for offset in np.arange(0.5 * HIDDEN_APART_M, HIDDEN_REACH_M, HIDDEN_APART_M):
-            distances = near_ranges + offset
-            is_hidden = is_gap & (distances < ranges)
-            bearings = scan.angle_min + scan.angle_increment * beams[is_hidden]
-            directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
-            local_points = distances[is_hidden, None] * directions
-            points.append(np.column_stack(transform_point(scan.sensor_pose, *local_points.T)))
-    return np.concatenate(points)
-
-
-def hidden_discs(points: Array, robot_pose: Pose, age: float, speed: float) -> Discs:
-    """Return the DISCs (n,) of what may come out of gaps.
-
-    Args:
-        points: gaps_in() a scan, (n, 2) [m].
-        robot_pose: Pose (x, y, yaw) of the robot in the same frame.
-        age: Time from the scan to this pose [s].
-        speed: Speed at which something may come [m/s].
-    """
-    discs = np.zeros(len(points), DISC)
-    discs["x"], discs["y"] = transform_point(inverse(robot_pose), *points.T)
-    discs["growth"] = speed
-    discs["age"] = age
-    return discs
-
-
 @kernel
 def may_meet(
     discs: Discs, planes: Array, edge: Array, margin: float, place: BodyPose, time: float
@@ -284,4 +237,4 @@ def _radius_after(disc: Disc, elapsed: float) -> float:
     variance = disc.pp + 2.0 * elapsed * disc.pv + elapsed * elapsed * disc.vv
     uncertainty = DEVIATIONS * math.sqrt(variance)
     swerve = 0.5 * disc.acceleration * elapsed * elapsed
-    return float(disc.radius + uncertainty + swerve + disc.growth * elapsed)
+    return float(disc.radius + uncertainty + swerve)

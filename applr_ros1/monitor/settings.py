@@ -34,7 +34,6 @@ class MonitorSettings:
         scan_period: interval between two scans [s].
         creep_speed: fastest speed of any point of the body in unobserved space [m/s].
         mover_acceleration: largest acceleration of a tracked moving obstacle [m/s^2].
-        mover_speed: largest speed of what comes from behind a corner [m/s]; 0 if nothing does.
         scan_timeout: age of the latest scan, pose or twist at which the base must stop [s].
         memory_radius: distance within which obstacles are remembered [m].
         memory_seconds: time for which an obstacle out of the scanner's sight is remembered [s]. It
@@ -54,7 +53,6 @@ class MonitorSettings:
     turn_ahead: float = 0.0
     creep_speed: float = 0.1
     mover_acceleration: float = 1.0
-    mover_speed: float = 0.0
     scan_timeout: float = 0.5
     memory_radius: float = 8.0
     memory_seconds: float = 300.0

@@ -288,9 +288,6 @@ class Monitoring(Section):
     mover_acceleration: float = real(
         "m/s^2", 0.0, 20.0, "largest acceleration of a tracked moving obstacle", 1.0
     )
-    mover_speed: float = real(
-        "m/s", 0.0, 5.0, "largest speed of what comes from behind a corner; 0 if nothing does", 0.0
-    )
 
 
 class Simulation(Section):

@@ -17,10 +17,7 @@ from applr_ros1.monitor.monitor import MOVER_COMES, PASS, CollisionMonitor
 from applr_ros1.monitor.moving import (
     DEVIATIONS,
     DISC,
-    HIDING_M,
     CertainTracks,
-    gaps_in,
-    hidden_discs,
     may_meet,
     tracked_discs,
     will_meet,
@@ -261,25 +258,6 @@ def test_what_stands_moves_only_in_the_odometrys_frame_while_the_wheels_slip():
     assert movers == 0
 
 
-@pytest.mark.heavy
-def test_with_mover_speed_the_base_is_slow_enough_for_what_comes_out_of_a_door():
-    """A wall beside the way hides what comes, until it is in the door."""
-    walls = np.array([[-1.0, 0.75, 0.0, 5.0, 0.1], [5.0, 0.75, 0.0, 5.0, 0.1]])
-    u = 1.0
-
-    def touched_at(mover_speed):
-        """Return the largest speed at which the base is touched, whenever the other comes."""
-        speeds = []
-        for meets in (0.8, 1.2, 1.4):
-            comes = straight(2.0, u * meets, 0.0, -u)
-            scene = Scene([comes], (2.0, 0.0), walls)
-            speeds.append(ride(ROBOTS["jackal"], scene, 3.0, mover_speed=mover_speed).touch_speed)
-        return np.nanmax([0.0, *speeds])
-
-    assert touched_at(0.0) > 1.0
-    assert touched_at(u) <= STANDS
-
-
 # -- one command -----------------------------------------------------------------------------------
 def disc(x, y, vx=0.0, vy=0.0, **more):
     """Return DISCs (1,) with one disc of RADIUS."""
@@ -317,8 +295,6 @@ WAY_M = 0.15 * V + braking_distance(V, 4.0)  # way until then [m]
         ({"vx": -1.5, "age": 0.2}, WAY_M + 1.5 * (REST_S + 0.2)),
         # Its place is known to 0.1 m, and its velocity to 0.4 m/s.
         ({"pp": 0.01, "vv": 0.16}, WAY_M + DEVIATIONS * math.hypot(0.1, 0.4 * REST_S)),
-        # What comes from behind a corner
-        ({"growth": 1.0}, WAY_M + REST_S),
     ],
 )
 def test_the_base_rests_before_the_place_of_a_disc_at_that_time(values, gap):
@@ -428,41 +404,3 @@ def test_what_comes_counts_for_1_4_s_after_a_stop(arrival, meets):
     """It arrives at the front at 1 m/s. What comes later leaves the base the time to drive on."""
     comes = disc(FRONT + RADIUS + arrival, 0.0, vx=-1.0)
     assert will_meet(comes, BODY.planes, BODY.edge, 0.0, AHEAD, 0.0) == meets
-
-
-def test_a_gap_counts_for_four_metres_beyond_the_nearer_range():
-    """What may come out of it is assumed every 15 cm."""
-    ranges = np.full(9, np.inf, np.float32)
-    ranges[:4] = 1.0
-    scan = LaserScan(0.0, -0.4, 0.1, 0.1, 10.0, ranges, (0.0, 0.0, 0.0))
-    x, y = gaps_in(scan).T
-    distances = np.sort(np.hypot(x, y))
-    assert 1.0 < distances[0] < 1.15
-    assert 4.85 < distances[-1] < 5.0
-    np.testing.assert_allclose(np.diff(distances), 0.15)
-
-
-def test_gaps_are_behind_the_nearer_beam_on_the_farther_one():
-    ranges = np.full(9, 1.0, np.float32)
-    ranges[4:6] = 1.0 + HIDING_M + 0.1, np.inf
-    scan = LaserScan(0.0, -0.4, 0.1, 0.1, 2.0, ranges, (1.0, 0.0, 0.0))
-    x, y = gaps_in(scan).T
-    distances = np.hypot(x - 1.0, y)
-    bearings = np.arctan2(y, x - 1.0)
-    # From 1 m on along the beam ahead, and up to the range of the laser along its neighbour
-    assert set(bearings.round(2)) == {0.0, 0.1}
-    assert distances.min() > 1.0
-    assert distances[bearings.round(2) == 0.0].max() < 1.0 + HIDING_M + 0.1
-    assert 1.8 < distances.max() < 2.0
-
-    # The ends of a full turn are neighbours.
-    around = np.full(360, 1.0, np.float32)
-    around[:20] = np.inf
-    increment = 2.0 * np.pi / 360
-    whole_turn = LaserScan(0.0, 0.0, increment, 0.1, 2.0, around, (0.0, 0.0, 0.0))
-    begun_behind = replace(whole_turn, angle_min=-np.pi, ranges=np.roll(around, 180))
-    points = [np.unique(gaps_in(turned).round(6), axis=0) for turned in (whole_turn, begun_behind)]
-    np.testing.assert_allclose(*points, atol=1e-5)
-
-    (first, *_) = hidden_discs(np.array([[2.0, 0.0]]), (1.0, 0.0, 0.0), 0.1, 0.8)
-    assert (first["x"], first["growth"], first["radius"], first["age"]) == (1.0, 0.8, 0.0, 0.1)
