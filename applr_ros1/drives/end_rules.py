@@ -24,6 +24,13 @@ class CourseEnd(NamedTuple):
     reason: str
 
 
+class PlannerResult(NamedTuple):
+    """What move_base says at the end of a goal: whether it was reached, and a message."""
+
+    has_succeeded: bool
+    message: str
+
+
 class Destination(NamedTuple):
     """Place that a robot is sent to.
 
@@ -37,29 +44,32 @@ class Destination(NamedTuple):
     goal: Pose
     tolerance: float
 
-    def is_reached(self, pose: Pose, with_tolerance: bool) -> bool:
-        """Return whether a robot has arrived.
+    def end(
+        self, pose: Pose, left: float, result: Optional[PlannerResult], is_close: bool = False
+    ) -> Optional[CourseEnd]:
+        """Return how a course ends by arrival or by the planner, or None if it goes on.
 
-        Args:
-            pose: True pose (x, y, yaw) of the robot.
-            with_tolerance: Whether it may stop short of the course's goal by the planner's
-                tolerance.
-        """
-        x, y, _ = pose
-        return self.course.arrived(x, y, self.tolerance if with_tolerance else None)
-
-    def early_end(self, pose: Pose, left: float, has_succeeded: bool, message: str) -> CourseEnd:
-        """Return how a course ends if move_base ends its goal before the robot has arrived.
+        A course ends at its finish (Course.arrived). The robot may stop short of the course's goal
+        by the planner's tolerance if the planner reports success, or if it `is_close`. After a
+        result away from the goal, the robot would stand until the time limit. The course therefore
+        ends at once.
 
         Args:
             pose: True pose (x, y, yaw) of the robot.
             left: Distance from the sent goal by the odometry [m].
-            has_succeeded: Whether move_base reports the goal as reached.
-            message: What move_base says of it.
+            result: Result of the planner's goal, None while it drives.
+            is_close: Whether the place within the planner's tolerance is enough.
         """
+        x, y, _ = pose
+        has_succeeded = result is not None and result.has_succeeded
+        with_tolerance = is_close or has_succeeded
+        if self.course.arrived(x, y, self.tolerance if with_tolerance else None):
+            return CourseEnd(REACHED, "finished")
+        if result is None:
+            return None
         reason = ended_early(
             has_succeeded=has_succeeded,
-            text=message,
+            text=result.message,
             left_by_odometry=left,
             left_in_truth=math.dist(pose[:2], self.course.sent_goal[:2]),
             tolerance=self.tolerance,
@@ -93,29 +103,24 @@ class Rules:
     def judge(self, tick: Tick, destination: Destination) -> Optional[CourseEnd]:
         """Return how the course ends with a control cycle, or None if it goes on.
 
-        A course ends at its finish (Course.arrived). The planner has reached the goal if it reports
-        success, or with `ends_at_tolerance` if the robot's place is within the tolerance although
-        the robot has still to stop and turn. If the goal is occupied (default_tolerance), only the
-        report counts.
-
-        After a result away from the goal, the robot would stand until the time limit. The course
-        therefore ends at once.
+        The planner has reached the goal if it reports success, or with `ends_at_tolerance` if the
+        robot's place is within the tolerance although the robot has still to stop and turn. If the
+        goal is occupied (default_tolerance), only the report counts.
         """
         distance = math.dist(tick.place[:2], destination.goal[:2])
         is_close = self.ends_at_tolerance and distance <= destination.tolerance
-        result = tick.step.cycle.result
-        is_reported = result is not None and result[0] == "succeeded"
-        pose = tick.after.pose
-        if destination.is_reached(pose, with_tolerance=is_close or is_reported):
-            return CourseEnd(REACHED, "finished")
+        result = None
+        if tick.step.cycle.result is not None:
+            status, message = tick.step.cycle.result
+            result = PlannerResult(status == "succeeded", message)
+        end = destination.end(tick.after.pose, distance, result, is_close)
+        if end is not None and end.status == REACHED:
+            return end
         if tick.after.flipped:
             return CourseEnd(FLIPPED, "flipped")
         if self.end_on_contact and tick.after.contact:
             return CourseEnd(TOUCHED, "contact")
-        if result is None:
-            return None
-        _, message = result
-        return destination.early_end(pose, distance, is_reported, message)
+        return end
 
     def judge_period(
         self, period: float, period_count: int, has_stalled: bool

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.drives.drive import FLIPPED, REACHED, STALLED, TIMED_OUT, TOUCHED
+from applr_ros1.drives.drive import ABORTED, FLIPPED, REACHED, STALLED, TIMED_OUT, TOUCHED
 from applr_ros1.drives.end_rules import Destination, Rules
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.stack.simulated import Tick
@@ -52,6 +52,9 @@ def status(ruling):
         (Rules(end_on_contact=True), tick(1.0, contact=True), TOUCHED),
         # A robot that falls touches the ground, too.
         (Rules(end_on_contact=True), tick(1.0, flipped=True, contact=True), FLIPPED),
+        # After a result away from the goal the robot would only stand.
+        (Rules(), tick(1.0, ("aborted", "no plan")), ABORTED),
+        (Rules(end_on_contact=True), tick(1.0, ("aborted", "no plan"), contact=True), TOUCHED),
     ],
 )
 def test_a_control_cycle_ends_a_course_by_the_rules(rules, last_tick, expected):

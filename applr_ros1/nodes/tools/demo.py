@@ -43,7 +43,7 @@ from applr_ros1.drives.drive import (
     Goal,
 )
 from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full
-from applr_ros1.drives.end_rules import CourseEnd, Destination
+from applr_ros1.drives.end_rules import CourseEnd, Destination, PlannerResult
 from applr_ros1.drives.page import PageScene, Shown, contact_note, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
@@ -353,7 +353,8 @@ class Observer:
             if seconds - progress_time >= PROGRESS_PERIOD_S:
                 progress_time += PROGRESS_PERIOD_S
                 self._report_progress(seconds, recorder.drive)
-        recorder.goals.append(Goal("demo", 0.0, seconds, end.status, end.reason))
+        reason = "goal reached" if end.status == REACHED else end.reason
+        recorder.goals.append(Goal("demo", 0.0, seconds, end.status, reason))
         # A goal that move_base has ended cannot be cancelled: actionlib would log an error.
         if self.client.get_state() in RUNNING:
             self.client.cancel_goal()
@@ -375,18 +376,15 @@ class Observer:
 
     def _end(self, seconds: float, limit: float) -> Optional[CourseEnd]:
         """Return how the drive has ended, or None while it goes on."""
-        pose = self._motion.pose
         goal_state = self.client.get_state()
-        has_succeeded = goal_state == GoalStatus.SUCCEEDED
-        if self._destination.is_reached(pose, with_tolerance=has_succeeded):
-            return CourseEnd(REACHED, "goal reached")
-        if seconds >= limit:
+        result = None
+        if goal_state not in RUNNING:
+            message = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
+            result = PlannerResult(goal_state == GoalStatus.SUCCEEDED, message)
+        end = self._destination.end(self._motion.pose, self._left_by_odometry(), result)
+        if end is None and seconds >= limit:
             return CourseEnd(TIMED_OUT, "timed out")
-        if goal_state in RUNNING:
-            return None
-        status_text = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
-        left = self._left_by_odometry()
-        return self._destination.early_end(pose, left, has_succeeded, status_text)
+        return end
 
     def _left_by_odometry(self) -> float:
         """Return the distance from the sent goal by the odometry [m]; inf without odometry."""
