@@ -25,7 +25,7 @@ class CourseEnd(NamedTuple):
 
 
 class PlannerResult(NamedTuple):
-    """What move_base says at the end of a goal: whether it was reached, and a message."""
+    """Result of a goal by move_base: whether it was reached, and a message."""
 
     has_succeeded: bool
     message: str

@@ -1,4 +1,4 @@
-"""Figures of `./applr why` for docs/explanation/results.md: `python -m tests.benchmarks.why`.
+"""Figures of `./applr why` for docs/explanation/results.md: `python -m benchmarks.why`.
 
 With bags of the Jackal, print the share of their commands that the replay reproduces. Without,
 plant one fault at a time in a simulated robot, ask `./applr why` about each drive that the fault
@@ -42,7 +42,7 @@ from training.why.remedies import driven_trials
 from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results"
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
 # A fault counts if the drive takes this much longer than the sound one, or fails.
 SLOWER = 1.5
 LIMIT_S = 60.0

@@ -1,4 +1,4 @@
-"""Planted stops beside the black box: `python -m tests.benchmarks.black_box_stops`.
+"""Planted stops beside the black box: `python -m benchmarks.black_box_stops`.
 
 Plants one kind of stop at a time in a running stack with a simulated Jackal, once with this
 package's move_base and once with a stand-in for the C++ one, and waits for the answer of the black
@@ -31,7 +31,7 @@ from tests.support.nodes import POSTS, FakeJackal, goal
 from tests.support.robots import JACKAL_PARAMETERS, ring
 from tests.support.ros import LONGEST, Child, session, wait_for
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results" / "black_box.csv"
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "black_box.csv"
 MOVE_BASES = {"python": "move_base", "like C++": "tests.support.cpp_move_base"}
 PLANNER = "TrajectoryPlannerROS"
 SAMPLE_S = 0.25  # interval between two looks at a process [s]

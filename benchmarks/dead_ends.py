@@ -1,4 +1,4 @@
-"""Drives out of dead ends: `python -m tests.benchmarks.dead_ends --out DIR`.
+"""Drives out of dead ends: `python -m benchmarks.dead_ends --out DIR`.
 
 The figures are for docs/explanation/results.md.
 

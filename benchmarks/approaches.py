@@ -1,4 +1,4 @@
-"""Drives towards a wall with the collision monitor: `python -m tests.benchmarks.approaches`.
+"""Drives towards a wall with the collision monitor: `python -m benchmarks.approaches`.
 
 The figures are for docs/explanation/collision_monitor.md. A Jackal in the pybullet simulator, on
 Gazebo's ground, is told to drive straight on at 2 m/s, twenty times a second, towards a wall of

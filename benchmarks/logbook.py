@@ -1,4 +1,4 @@
-"""Figures of the logbook for docs/explanation/results.md: `python -m tests.benchmarks.logbook`.
+"""Figures of the logbook for docs/explanation/results.md: `python -m benchmarks.logbook`.
 
 Spoil two values of a simulated Jackal, record its stops in three worlds, ask the logbook of the
 folder, follow its first advice, and ask again about new stops. Stops are counted with fresh seeds,
@@ -18,8 +18,8 @@ from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.why.outside import seen_from_outside
+from benchmarks.why import EQUAL_PARAMETERS, JUDGING, RESULTS, faults
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from tests.benchmarks.why import EQUAL_PARAMETERS, JUDGING, RESULTS, faults
 from tests.support.drives import simulated
 from training.bags.read import bags_in
 from training.bags.write import write
@@ -35,7 +35,7 @@ LIMIT_S = 40.0  # longest duration of a drive [s]
 STOP_S = 5.0  # shortest duration of a stop, as of the black box [s]
 WORLDS = 3  # number of worlds of a folder
 FRESH_SEEDS = (1001, 1002, 1003, 1004)  # seeds with which stops are counted in each world
-# Pairs of spoilt values, as tests.benchmarks.why spells its faults
+# Pairs of spoilt values, as benchmarks.why spells its faults
 PAIRS = (
     ("max_vel_theta 0.3, min_vel_theta -0.3", "inflation_radius 3.0"),
     ("sim_time 4.0", "footprint_padding 0.3"),

@@ -1,4 +1,4 @@
-"""Benchmarks for docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an
+"""Benchmarks for docs/explanation/results.md: `python -m benchmarks.run [NAME ...]`, on an
 idle machine.
 
 Each benchmark is a function that returns its value and unit. Planner and simulators run in one
