@@ -265,11 +265,3 @@ def test_every_fault_of_the_table_has_a_test():
         for mark_arguments in re.findall(r"pytest\.mark\.fault\((.+?)\)", text):
             tested_numbers.update(re.findall(r'"(\w+)"', mark_arguments))
     assert fault_numbers == tested_numbers
-
-
-def test_docstrings_and_comments_begin_with_a_noun_or_a_verb():
-    clause = re.compile(r'"""(What|Whether|Who|Those|That|So many)\b|# (of|that|which|where) ')
-    for source_file in files("*.py"):
-        lines = source_file.read_text(encoding="utf-8").splitlines()
-        for line_number, line in enumerate(lines, 1):
-            assert not clause.search(line), f"{source_file}:{line_number}: {line.strip()}"
