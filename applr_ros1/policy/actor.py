@@ -48,14 +48,11 @@ Layers = List[Tuple[Array32, Array32]]
 class _FromFile(Method):
     """Method that is loaded from a file.
 
-    Distance biases in the file are per costmap cell (Method.per_cell).
-
     Attributes:
         path: Path of the file; "" if there is none.
         metadata: Metadata of the file, {str: JSON value}.
     """
 
-    per_cell = True
     redraws_stalled = False
     path = ""
     metadata: Dict[str, Any] = {}

@@ -114,6 +114,9 @@ def period_of(metadata: Mapping[str, Any]) -> float:
 class Method:
     """Base class of methods that choose the planner's parameters at each decision.
 
+    Path and goal distance biases are per costmap cell, in the context and in the choice. The applr
+    node converts them for a planner that counts per metre (nodes/applr/meter_scoring.py).
+
     Attributes:
         name: Specification from which the method was made (methods.make).
         static: Whether theta does not depend on the context. The node asks a static method once,
@@ -123,9 +126,6 @@ class Method:
             class has none.
         layout: Layout of Context.ranges and Context.observation. `make` sets the robot's layout if
             the class has none.
-        per_cell: Whether path and goal distance biases are per costmap cell instead of per metre,
-            as in all parameter sets learned here. The applr node rescales them for a planner that
-            needs biases per metre (nodes/applr/meter_scoring.py).
         redraws_stalled: Whether parameters are drawn at random while the robot has stalled
             (policy/stall_rule.py).
         obstacle_range: Range [m] up to which lasers must mark obstacles in the costmaps, because
@@ -138,7 +138,6 @@ class Method:
     period = PERIOD
     space: Space = SPACE
     layout: Layout = LAYOUT
-    per_cell: bool = False
     redraws_stalled: bool = True
     obstacle_range: Optional[float] = None
 

@@ -60,7 +60,6 @@ class FixedParameters(Method):
     Args:
         values: (n,) parameters within the ranges.
         space: Parameter space.
-        per_cell: Whether the distance biases are per costmap cell (Method.per_cell).
         redraws_stalled: Whether other parameters are drawn in a stall (Method.redraws_stalled).
         obstacle_range: Range [m] for which the set was made (Method.obstacle_range).
     """
@@ -71,7 +70,6 @@ class FixedParameters(Method):
         self,
         values: Array,
         space: Space = SPACE,
-        per_cell: bool = False,
         redraws_stalled: bool = True,
         obstacle_range: Optional[float] = None,
     ):
@@ -79,7 +77,6 @@ class FixedParameters(Method):
         self.obstacle_range = obstacle_range
         self.values = np.array(values, dtype=np.float64)
         self.space = space
-        self.per_cell = per_cell
 
     def theta(self, context: Optional[Context]) -> Array:
         """Return the parameter set."""
@@ -105,7 +102,6 @@ class RandomParameters(Method):
         self.around = around
         if around is not None:
             self.period = 1.0
-            self.per_cell = around.per_cell
             self.obstacle_range = around.obstacle_range
         self.reset(0)
 
@@ -145,12 +141,7 @@ def auto(robot: Robot) -> str:
 def _fixed(path: str, robot: Robot) -> FixedParameters:
     space = space_of(robot)
     parameter_set = space.read(path)
-    return FixedParameters(
-        parameter_set.theta,
-        space,
-        parameter_set.per_cell,
-        obstacle_range=parameter_set.obstacle_range,
-    )
+    return FixedParameters(parameter_set.theta, space, obstacle_range=parameter_set.obstacle_range)
 
 
 def _trained(robot: Robot) -> Method:

@@ -36,14 +36,12 @@ class ParameterSet(NamedTuple):
     """Parameter set from a file.
 
     Attributes:
-        theta: Parameters (n,).
-        per_cell: Whether the distance biases are per costmap cell instead of per metre.
+        theta: Parameters (n,), with distance biases per costmap cell.
         obstacle_range: Range [m] up to which lasers mark obstacles, None for the range in the
             robot's files (decision.Method).
     """
 
     theta: np.ndarray
-    per_cell: bool
     obstacle_range: Optional[float] = None
 
 
@@ -213,18 +211,17 @@ class Space:
         """Unique names of the servers that hold the parameters, in their order."""
         return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
-    def settings(self, theta: Any, per_cell: bool = False) -> Settings:
+    def settings(self, theta: Any) -> Settings:
         """Return the values that parameters (n,) set: a request per server.
 
         Those of theta_0 are the robot's defaults.
 
         Args:
             theta: Parameters (n,) within the ranges, as the Pilot limits them.
-            per_cell: Unit of their distance biases (Settings).
         """
-        return self.settings_of(self.as_dict(theta), per_cell)
+        return self.settings_of(self.as_dict(theta))
 
-    def settings_of(self, values: Mapping[str, Any], per_cell: bool = False) -> Settings:
+    def settings_of(self, values: Mapping[str, Any]) -> Settings:
         """Return the values that some parameters {name: value} set."""
         settings: Dict[str, Dict[str, Any]] = {}
         for parameter_index, target in self.addresses:
@@ -235,7 +232,7 @@ class Space:
             if values[name] == self.theta0[parameter_index]:
                 value = self.defaults[target.server][target.name]
             settings.setdefault(target.server, {})[target.name] = value
-        return Settings(settings, per_cell)
+        return Settings(settings)
 
     def read_back(self, settings: Settings) -> Array:
         """Return the parameters (n,) float64 that are in force in the settings of the servers."""
@@ -251,16 +248,14 @@ class Space:
 
         It holds {name: value}, or {"parameters": {name: value}, ...}.
 
-        Missing names have their values in theta_0. A file with `"meter_scoring": false` states that
-        its distance biases are per costmap cell. `"obstacle_range"` beside the parameters is the
+        Missing names have their values in theta_0. `"obstacle_range"` beside the parameters is the
         range with which it drives.
         """
         with files.reading(path):
             content = files.read_json(path)
             theta = self.from_dict(content.get("parameters", content))
             needed_range = obstacle_range_of(content)
-            per_cell = content.get("meter_scoring") is False
-            return ParameterSet(theta, per_cell, needed_range)
+            return ParameterSet(theta, needed_range)
 
     def to_dict(self) -> Dict[str, Any]:
         """Return the space as JSON values for a policy's file and an evaluation's settings."""

@@ -37,14 +37,13 @@ class Choice(NamedTuple):
     Attributes:
         theta: Parameters (n,) within the ranges and the speed limit.
         clears_costmaps: Whether both costmaps are to be cleared before they take effect.
-        why: METHOD, STALL or DEFAULTS.
-        per_cell: Whether the distance biases are per costmap cell (Method.per_cell).
+        why: METHOD, STALL or DEFAULTS. Default parameters are in the planner's own unit, all others
+            have distance biases per costmap cell.
     """
 
     theta: Array
     clears_costmaps: bool
     why: str
-    per_cell: bool
 
 
 class Pilot:
@@ -127,11 +126,10 @@ class Pilot:
         redrawn = self._stall_rule.instead(self.method, context, theta)
         clears_costmaps = self._stall_rule.clears_costmaps
         if redrawn is None:
-            choice = Choice(self.limited(theta), clears_costmaps, METHOD, self.method.per_cell)
+            choice = self._chosen(theta, clears_costmaps)
         else:
             theta = self._with_ordered_speeds(self.limited(redrawn))
-            # All biases that the rule draws are per cell.
-            choice = Choice(theta, clears_costmaps, STALL, per_cell=True)
+            choice = Choice(theta, clears_costmaps, STALL)
         self.misses = 0
         return choice
 
@@ -153,13 +151,17 @@ class Pilot:
         """
         if not self.method.static:
             return self.defaults()
-        theta = self.limited(self.method.theta(None))
-        return Choice(theta, False, METHOD, self.method.per_cell)
+        return self._chosen(self.method.theta(None))
 
     def defaults(self) -> Choice:
         """Return the robot's default parameters, theta_0."""
-        theta = self.limited(self._full_space.theta0)
-        return Choice(theta, False, DEFAULTS, self.method.per_cell)
+        return Choice(self.limited(self._full_space.theta0), False, DEFAULTS)
+
+    def _chosen(self, theta: Array, clears_costmaps: bool = False) -> Choice:
+        """Return the choice of the method, which may be that of the default parameters."""
+        is_default = np.array_equal(theta, self._full_space.theta0)
+        why = DEFAULTS if is_default else METHOD
+        return Choice(self.limited(theta), clears_costmaps, why)
 
     def limited(self, theta: Any) -> Array:
         """Return the nearest parameters (n,) within the ranges and the speed limit.

@@ -14,10 +14,11 @@ from typing import Callable, Dict, Mapping, NamedTuple, Optional
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, one_line, shown
 from applr_ros1.policy.decision import PERIOD, Context, Method
-from applr_ros1.policy.pilot import LOST_PERIODS, METHOD, STALL, Choice, Pilot
+from applr_ros1.policy.pilot import LOST_PERIODS, STALL, Choice, Pilot
 
 LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
-BY_HAND = "set by hand"  # reason of a choice that is not the pilot's
+# Reason of a choice that is not the pilot's. Its distance biases have the unit of those before.
+BY_HAND = "set by hand"
 # Whose parameters are in force, in words
 DEFAULT_PARAMETERS = "the robot's default parameters"
 PARAMETERS_BY_HAND = "the parameters set by hand"
@@ -106,9 +107,6 @@ class Supervisor:
             ApplrError: A name is unknown, a value is not finite, or the parameters in force are not
                 known. Nothing was changed.
         """
-        per_cell = self.pilot.method.per_cell
-        if self._latest is not None:
-            per_cell = self._latest.per_cell
         # Two changes may follow each other faster than the servers answer.
         if self._by_hand is not None:
             theta = self._by_hand.theta
@@ -121,7 +119,7 @@ class Supervisor:
             raise ApplrError(f"unknown parameter {shown(unknown_names[0])}: {advice}")
         changed = {**space.as_dict(theta), **values}
         limited_theta = self.pilot.limited(list(changed.values()))
-        self._by_hand = Choice(limited_theta, False, BY_HAND, per_cell)
+        self._by_hand = Choice(limited_theta, False, BY_HAND)
         self.enabled = False
         return self._by_hand
 
@@ -232,7 +230,7 @@ class Supervisor:
         # During a course, the choice of a static method is requested only after a stall, because
         # other parameters may have been set by hand since.
         was_method = self._latest is None or self._latest.why != STALL
-        stays = self.pilot.method.static and choice.why == METHOD and was_method
+        stays = self.pilot.method.static and choice.why != STALL and was_method
         self._latest = choice
         request = None if stays else choice
         return Ruling(number, choice.theta, "", choice.clears_costmaps, request)

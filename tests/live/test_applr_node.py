@@ -478,9 +478,9 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     wait_for(lambda: not publisher.get_num_connections(), "the end of the subscription")
     assert node.text.count("count per metre") == 1
     robot.goal = None
-    wait_for(lambda: client.values()[5] == 0.75 * 2.5, "rescaled theta_0")
+    # The robot's default parameters are in the planner's own unit.
+    is_in_force(client, THETA_0)
     assert node.end() == 0
-    # At its end the node restores theta_0 in the robot's own unit.
     is_in_force(client, THETA_0)
 
 

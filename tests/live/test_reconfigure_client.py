@@ -60,7 +60,7 @@ def applied(client, theta, per_cell=False):
     """Return whether the parameter set theta comes into force, with a limit long enough for a busy
     machine.
     """
-    return not client.apply(client.space.settings(theta, per_cell), LONGEST)
+    return not client.apply(client.space.settings(theta), per_cell, LONGEST)
 
 
 @contextmanager
@@ -104,7 +104,7 @@ def test_an_idle_client_waits_without_using_the_processor(fake):
 
 
 def test_values_are_read_back(client):
-    assert client.apply(SPACE.settings(SPACE.high), LONGEST) == ""
+    assert client.apply(SPACE.settings(SPACE.high), seconds=LONGEST) == ""
     assert np.array_equal(client.theta(), SPACE.high)
     assert {server.name for server in client.servers.values()} == {PLANNER, *LAYERS, *COSTMAPS}
     wait_for(
@@ -299,7 +299,7 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     client, server, fault
 ):
     rospy.set_param("/fake/" + fault, [server])
-    error_message = client.apply(SPACE.settings(SPACE.high), LONGEST)
+    error_message = client.apply(SPACE.settings(SPACE.high), seconds=LONGEST)
     assert server in error_message
     assert "\n" not in error_message
     # The others took the set; this one has what it had.

@@ -1,10 +1,17 @@
 """Tests of the reconfigure client without ROS: the unit of settings, and when they are in force."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from applr_ros1.policy.pilot import DEFAULTS, METHOD, STALL, Choice, Pilot
+from applr_ros1.policy.supervisor import BY_HAND
+from applr_ros1.robots import JACKAL
+from tests.support.contexts import Chooses
 from tests.support.ros import wait_for
 from tests.support.servers import running_servers
 
@@ -35,7 +42,7 @@ def bias_of(client):
 
 
 def test_settings_per_cell_are_converted_and_others_are_sent_as_they_are(client):
-    assert client.apply(SPACE.settings(THETA_0, per_cell=True)) == ""
+    assert client.apply(SPACE.settings(THETA_0), per_cell=True) == ""
     assert bias_of(client) == PER_METRE
     assert client.multipliers[PATH_INDEX] == 20.0
     assert client.apply(SPACE.settings(THETA_0)) == ""
@@ -45,17 +52,17 @@ def test_settings_per_cell_are_converted_and_others_are_sent_as_they_are(client)
     # Until the planner's unit is known, and for a planner that counts per cell
     for factor in (None, 1.0):
         client.factor = factor
-        assert client.apply(SPACE.settings(THETA_0, per_cell=True)) == ""
+        assert client.apply(SPACE.settings(THETA_0), per_cell=True) == ""
         assert bias_of(client) == BIAS
 
 
 def test_the_parameters_in_force_are_read_in_either_unit(client):
     for theta in (THETA_0, SPACE.high):
-        client.apply(SPACE.settings(theta, per_cell=True))
+        client.apply(SPACE.settings(theta), per_cell=True)
         # Exactly, although a quotient may differ in the last digit
         assert np.array_equal(client.theta(per_cell=True), theta)
         assert np.array_equal(client.theta(), theta)
-    client.apply(SPACE.settings(THETA_0, per_cell=True))
+    client.apply(SPACE.settings(THETA_0), per_cell=True)
     assert client.theta(per_cell=False)[PATH_INDEX] == PER_METRE
     # What another client has set
     client.servers[PLANNER].values["path_distance_bias"] = 40.0
@@ -63,10 +70,21 @@ def test_the_parameters_in_force_are_read_in_either_unit(client):
 
 
 def test_what_was_sent_is_compared_in_the_planners_unit(client):
-    client.apply(SPACE.settings(THETA_0, per_cell=True))
+    client.apply(SPACE.settings(THETA_0), per_cell=True)
     assert client.sent != SPACE.settings(THETA_0)
     client.factor = 1.0
     assert client.sent == SPACE.settings(THETA_0)
+
+
+def test_methods_choose_per_cell_and_people_in_the_unit_that_is_in_force():
+    client = client_of_running_servers()
+    pilot = Pilot(Chooses(), JACKAL)
+    node = SimpleNamespace(client=client, supervisor=SimpleNamespace(pilot=pilot))
+    units = []
+    for why in (BY_HAND, METHOD, BY_HAND, STALL, DEFAULTS, BY_HAND):
+        ApplrNode._request(node, Choice(THETA_0, False, why))
+        units.append(client.is_per_cell)
+    assert units == [False, True, True, True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -88,9 +106,9 @@ def test_a_request_is_in_force_if_the_servers_have_its_values_in_the_end(
     client = client_of_running_servers(on_report=lambda error: busy.append(client.busy))
     apply = client.apply
 
-    def hindered(settings):
+    def hindered(settings, per_cell):
         """Apply settings, and hinder the first ones."""
-        error = apply(settings)
+        error = apply(settings, per_cell)
         if busy:
             return error
         if hinder == "unit":
@@ -98,13 +116,13 @@ def test_a_request_is_in_force_if_the_servers_have_its_values_in_the_end(
         elif hinder == "value":
             client.servers[PLANNER].values["path_distance_bias"] = 0.1
         elif hinder == "request":
-            client.request(SPACE.settings(SPACE.high, per_cell=True))
+            client.request(SPACE.settings(SPACE.high), per_cell=True)
         elif hinder == "equal request":
-            client.request(SPACE.settings(THETA_0.copy(), per_cell=True))
+            client.request(SPACE.settings(THETA_0.copy()), per_cell=True)
         return error
 
     monkeypatch.setattr(client, "apply", hindered)
-    client.request(SPACE.settings(THETA_0, per_cell=True))
+    client.request(SPACE.settings(THETA_0), per_cell=True)
     assert client.busy
 
     # When: it puts a request in force

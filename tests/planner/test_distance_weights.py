@@ -1,7 +1,5 @@
 """Tests of the unit of a planner's distance biases: detected from cost_cloud, and compensated."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from applr_ros1 import robots
 from applr_ros1.nodes.applr.distance_weights import multipliers_of
 from applr_ros1.nodes.applr.meter_scoring import factor_of
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.robots import ToyRobot, quick, ring, run
 
@@ -122,20 +119,3 @@ def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():
             assert np.array_equal(np.delete(sent, WEIGHTS), np.delete(theta, WEIGHTS))
     unchanged = multipliers_of(SPACE, 1.0, LARGEST)
     assert (unchanged == 1.0).all()
-
-
-def test_learned_parameter_sets_count_per_cell_and_a_users_set_is_sent_unchanged(tmp_path):
-    path = tmp_path / "set.json"
-    path.write_text(json.dumps({"meter_scoring": False, "parameters": {"max_vel_x": 0.7}}))
-    method = methods.make(str(path))
-    max_vel_x, *_ = method.theta(None)
-    assert max_vel_x == 0.7
-    assert method.per_cell
-
-    path.write_text(json.dumps({"max_vel_x": 0.7}))
-    assert not methods.make(str(path)).per_cell
-
-    for learned in ("applr", "static", "appld"):
-        assert methods.make(learned).per_cell, learned
-    for default in ("dwa", "random"):
-        assert not methods.make(default).per_cell, default

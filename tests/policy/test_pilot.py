@@ -36,13 +36,11 @@ def test_parameters_of_the_method_are_clipped_and_counts_rounded():
     shortest = SPACE.low[SPACE.names.index("sim_time")]
     expected = {"max_vel_x": 2.0, "vx_samples": 7, "sim_time": shortest}
     assert SPACE.as_dict(choice.theta) == {**SPACE.as_dict(THETA_0), **expected}
-    assert (choice.clears_costmaps, choice.why, choice.per_cell) == (False, METHOD, False)
+    assert (choice.clears_costmaps, choice.why) == (False, METHOD)
 
 
-def test_biases_are_per_cell_if_those_of_the_method_are():
-    method = Chooses()
-    method.per_cell = True
-    assert Pilot(method, JACKAL).decide(driving(0)).per_cell
+def test_a_method_that_chooses_the_default_parameters_leaves_the_planners_unit():
+    assert Pilot(Chooses(), JACKAL).decide(driving(0)).why == DEFAULTS
 
 
 @pytest.mark.parametrize("method_name", methods.METHODS)
@@ -96,7 +94,7 @@ def test_observations_are_scaled_to_the_whole_ranges_whatever_the_speed_limit():
 # -- in a stall ------------------------------------------------------------------------------------
 def test_the_stall_rule_takes_the_place_of_the_method():
     # Given: a robot in a dead end
-    pilot = Pilot(Chooses(), JACKAL)
+    pilot = Pilot(Chooses(parameters(max_vel_x=1.0)), JACKAL)
     pilot.begin(3)
     first_choice = pilot.decide(scene(0.0))
     assert first_choice.why == METHOD
@@ -105,8 +103,8 @@ def test_the_stall_rule_takes_the_place_of_the_method():
     pilot.decide(scene(1.0))
     choice = pilot.decide(scene(2.0))
 
-    # Then: the costmaps are cleared once, and the biases of the rule are per cell
-    assert (choice.why, choice.clears_costmaps, choice.per_cell) == (STALL, True, True)
+    # Then: the costmaps are cleared once
+    assert (choice.why, choice.clears_costmaps) == (STALL, True)
     assert not np.array_equal(choice.theta, THETA_0)
     next_choice = pilot.decide(scene(3.0))
     assert (next_choice.why, next_choice.clears_costmaps) == (STALL, False)
@@ -116,7 +114,7 @@ def test_the_stall_rule_takes_the_place_of_the_method():
 
 
 def test_a_method_that_refuses_keeps_its_parameters_in_a_stall():
-    method = Chooses()
+    method = Chooses(parameters(max_vel_x=1.0))
     method.redraws_stalled = False
     choice = stalled(Pilot(method, JACKAL), seconds=12)
     assert (choice.why, choice.clears_costmaps) == (METHOD, False)
@@ -180,7 +178,7 @@ def test_each_course_begins_anew_although_the_method_raises():
         def reset(self, seed):
             raise RuntimeError("no map")
 
-    pilot = Pilot(Restless(), JACKAL)
+    pilot = Pilot(Restless(parameters(max_vel_x=1.0)), JACKAL)
     stalled(pilot)
     pilot.miss()
     with pytest.raises(RuntimeError, match="no map"):

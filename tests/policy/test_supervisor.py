@@ -321,17 +321,6 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on():
     assert supervisor.in_force == "the robot's default parameters"
 
 
-def test_biases_set_by_hand_have_the_unit_of_those_in_force():
-    """In a stall they are per cell, whatever those of the method."""
-    supervised = Supervised()
-    supervised.begin(0.0)
-    for now in (0.0, 1.0, 2.0):
-        ruling = supervised.decide(now, scene(now))
-    assert ruling.request.per_cell
-    assert supervised.supervisor.set_by_hand({"sim_time": 1.0}, ruling.theta).per_cell
-    assert supervised.supervisor.pursue(None, 3.0).per_cell
-
-
 @pytest.mark.parametrize(
     ("values", "theta", "problem"),
     [

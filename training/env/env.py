@@ -200,8 +200,6 @@ class ActionMethod(Method):
         action: Action (actions,) of the next decision.
     """
 
-    per_cell = True
-
     def __init__(self, encoding: Encoding, redraws_stalled: bool):
         self.encoding = encoding
         self.space = encoding.space

@@ -72,7 +72,7 @@ def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: P
     An obstacle range among the values is no live parameter: it stands beside them in the JSON file.
     """
     parameters = dict(values)
-    set_content: Dict[str, Any] = {"meter_scoring": False}
+    set_content: Dict[str, Any] = {}
     needed_range = parameters.pop(obstacle_range.NAME, None)
     if needed_range is not None:
         set_content[obstacle_range.NAME] = needed_range

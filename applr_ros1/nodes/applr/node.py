@@ -26,8 +26,8 @@ from applr_ros1.nodes.sensors import RosClock
 from applr_ros1.planner.parameters.obstacle_range import mismatch
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.layout import ObservationError
-from applr_ros1.policy.pilot import Choice, Pilot
-from applr_ros1.policy.supervisor import DEFAULT_PARAMETERS, Supervisor
+from applr_ros1.policy.pilot import DEFAULTS, Choice, Pilot
+from applr_ros1.policy.supervisor import BY_HAND, DEFAULT_PARAMETERS, Supervisor
 from applr_ros1.robots import JACKAL, Robot
 
 TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
@@ -161,8 +161,11 @@ class ApplrNode:
         """Request the parameters of a choice; None changes nothing."""
         if choice is None:
             return
-        settings = self.supervisor.pilot.space.settings(choice.theta, choice.per_cell)
-        self.client.request(settings)
+        settings = self.supervisor.pilot.space.settings(choice.theta)
+        if choice.why == BY_HAND:
+            self.client.request(settings, self.client.is_per_cell)
+        else:
+            self.client.request(settings, per_cell=choice.why != DEFAULTS)
 
     def _tick(self, now: rospy.Time) -> None:
         """Begin and end courses, and decide when a decision is due."""
@@ -207,8 +210,8 @@ class ApplrNode:
         Raises:
             ObservationError: An input is missing or invalid.
         """
-        # In the unit of the method, whatever was sent last
-        theta = self.client.theta(self.method.per_cell)
+        # In the unit of all methods, whatever was sent last
+        theta = self.client.theta(per_cell=True)
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
         snapshot = self.inputs.snapshot(now, self.supervisor.began)
@@ -237,9 +240,9 @@ class ApplrNode:
             return
 
         # In the first attempt a server may still be busy with an earlier call.
-        problem = client.apply(start, RESTORE_S)
+        problem = client.apply(start, seconds=RESTORE_S)
         if problem:
-            client.apply(start, RESTORE_S)
+            client.apply(start, seconds=RESTORE_S)
 
     def _on_restart(self, server: ServerClient) -> None:
         """Set the parameters again after a server's restart, which lost them."""

@@ -11,7 +11,7 @@ import os
 import threading
 import time
 from concurrent.futures import Future, wait
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -170,12 +170,19 @@ class ServerClient:
         return error
 
 
+class Request(NamedTuple):
+    """Settings to be put in force, and whether their distance biases are per costmap cell."""
+
+    settings: Settings
+    per_cell: bool
+
+
 class ReconfigureClient:
     """Client for the parameters of one move_base.
 
     `apply` puts settings in force and waits for the result. `request` leaves this to the client's
-    thread, which retries until they are in force. Both convert settings per cell (Settings) to the
-    unit in which the planner counts, and bound each value as its server declares.
+    thread, which retries until they are in force. Both convert settings whose distance biases are
+    per cell to the unit in which the planner counts, and bound each value as its server declares.
 
     Args:
         namespace: Namespace of move_base.
@@ -209,8 +216,8 @@ class ReconfigureClient:
         self._on_trouble = on_trouble
         self.servers: Dict[str, ServerClient] = {}
         self.busy = False
-        self._requested: Optional[Settings] = None  # settings of the last request
-        self._sent: Optional[Settings] = None  # settings of the last apply
+        self._requested: Optional[Request] = None  # the last request
+        self._sent: Optional[Request] = None  # settings of the last apply
         self._applying = threading.Lock()  # allows one apply at a time
         self._requesting = threading.Lock()  # guards _requested and busy
         self._wake = threading.Event()
@@ -310,12 +317,12 @@ class ReconfigureClient:
 
         They are not 1 if its settings are per cell, but the planner counts per metre.
         """
-        return self._multipliers(self._is_per_cell)
+        return self._multipliers(self._sent is not None and self._sent.per_cell)
 
     @property
-    def _is_per_cell(self) -> bool:
-        """True if the settings of the last apply are per cell."""
-        return self._sent is not None and self._sent.per_cell
+    def is_per_cell(self) -> bool:
+        """True if the settings of the last request are per cell."""
+        return self._requested is not None and self._requested.per_cell
 
     def _multipliers(self, per_cell: bool) -> Array:
         """Return the factors (n,) of parameters that are per cell or not."""
@@ -323,36 +330,37 @@ class ReconfigureClient:
             return np.ones(len(self.space))
         return multipliers_of(self.space, self.factor, self._largest())
 
-    def _converted(self, settings: Settings) -> Settings:
+    def _converted(self, request: Request) -> Settings:
         """Return settings in the unit in which the planner counts its distance biases."""
-        if self.factor is None or not settings.per_cell:
-            return Settings(settings)
+        settings, per_cell = request
+        if self.factor is None or not per_cell:
+            return settings
         multipliers = self._multipliers(per_cell=True)
         changes = []
         for index, target in self.space.addresses:
             value = settings[target.server][target.name]
             scaled_value = value * multipliers[index]
             changes.append(Change(target.server, target.name, value, scaled_value))
-        return Settings(settings.with_(*changes))
+        return settings.with_(*changes)
 
     def theta(self, per_cell: Optional[bool] = None) -> Optional[Array]:
         """Return the parameters (n,) in force. None if `values` is None.
 
         Args:
-            per_cell: Whether the distance biases are to be per cell (Settings); None for the unit
-                of the last apply.
+            per_cell: Whether the distance biases are to be per cell; None for the unit of the last
+                apply.
         """
         values = self.values()
         if values is None:
             return None
-        if per_cell is None:
-            per_cell = self._is_per_cell
-        # The quotient of a product may differ from its factor in the last digit.
         sent = self._sent
+        if per_cell is None:
+            per_cell = sent is not None and sent.per_cell
+        # The quotient of a product may differ from its factor in the last digit.
         if sent is not None and sent.per_cell == per_cell:
             sent_values = self.space.read_back(self._converted(sent))
             if np.array_equal(values, sent_values):
-                return self.space.read_back(sent)
+                return self.space.read_back(sent.settings)
         theta: Array = values / self._multipliers(per_cell)
         return theta
 
@@ -363,7 +371,7 @@ class ReconfigureClient:
             largest[index] = min(largest[index], self.servers[target.server].largest_of(target))
         return largest
 
-    def apply(self, settings: Settings, seconds: float = DEADLINE_S) -> str:
+    def apply(self, settings: Settings, per_cell: bool = False, seconds: float = DEADLINE_S) -> str:
         """Put settings in force, and read the values back.
 
         The servers are called in parallel. A server whose values are in force already is not
@@ -371,6 +379,8 @@ class ReconfigureClient:
 
         Args:
             settings: Values of all servers of the space.
+            per_cell: Whether their distance biases are per costmap cell, whatever the planner
+                counts in, or in the planner's own unit.
             seconds: Wall time for all answers [s].
 
         Returns:
@@ -381,10 +391,10 @@ class ReconfigureClient:
         with self._applying:
             if not self.connected:
                 return f"no parameter servers below {self.namespace} yet"
-            self._sent = settings
+            self._sent = Request(settings, per_cell)
 
             # Calls of all servers at once, but none beside an earlier call of the same server.
-            requests = self._requests(settings)
+            requests = self._requests(self._sent)
             for server, request in requests:
                 if server.call.done() and not server.has(request):
                     server.set(request)
@@ -399,10 +409,10 @@ class ReconfigureClient:
                     errors.append(server.call.result() or busy_problem)
             return "; ".join(errors)
 
-    def _requests(self, settings: Settings) -> List[Tuple[ServerClient, Dict[str, float]]]:
-        """Return the request of each server that puts its part of the settings in force."""
+    def _requests(self, request: Request) -> List[Tuple[ServerClient, Dict[str, float]]]:
+        """Return the values of each server that put its part of a request in force."""
         requests = []
-        for server_name, values in self._converted(settings).items():
+        for server_name, values in self._converted(request).items():
             server = self.servers[server_name]
             requests.append((server, server.request(values)))
         return requests
@@ -411,10 +421,10 @@ class ReconfigureClient:
         """Start the thread that applies requests, including an earlier one."""
         self._thread.start()
 
-    def request(self, settings: Settings) -> None:
-        """Queue settings in place of the former request."""
+    def request(self, settings: Settings, per_cell: bool = False) -> None:
+        """Queue settings, with biases per cell or not, in place of the former request."""
         with self._requesting:
-            self._requested = settings
+            self._requested = Request(settings, per_cell)
             self.busy = True
         self._wake.set()
 
@@ -449,7 +459,7 @@ class ReconfigureClient:
         search_count = 0
         while not self._is_stopped:
             pause = SEARCH_S
-            settings = self._requested
+            request = self._requested
             try:
                 if not self.connected:
                     trouble = self.connect()
@@ -459,9 +469,9 @@ class ReconfigureClient:
                         self._on_trouble(trouble)
                     if not trouble:
                         pause = 0.0
-                elif settings is not None and self.busy:
+                elif request is not None and self.busy:
                     pause = RETRY_S
-                    error = self.apply(settings)
+                    error = self.apply(request.settings, request.per_cell)
                     if not error:
                         self._note_in_force()
                     self._on_report(error)

@@ -82,12 +82,9 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
     Args:
         values: {server: {name: value}}, which are copied.
-        per_cell: Unit of the distance biases of TrajectoryPlannerROS. True if they are per costmap
-            cell, whatever the planner counts in. False if they are in the planner's own unit.
     """
 
-    def __init__(self, values: Mapping[str, Mapping[str, Any]], per_cell: bool = False):
-        self.per_cell = per_cell
+    def __init__(self, values: Mapping[str, Mapping[str, Any]]):
         self._values = {}
         for server, server_values in values.items():
             # The values of other settings never change: these settings share them.
@@ -104,18 +101,12 @@ class Settings(Mapping[str, Mapping[str, Any]]):
     def __len__(self) -> int:
         return len(self._values)
 
-    def __eq__(self, other: Any) -> bool:
-        """Return whether all values are equal, and in the same unit."""
-        if isinstance(other, Settings) and other.per_cell != self.per_cell:
-            return False
-        return super().__eq__(other)
-
     def __deepcopy__(self, memo: Dict[int, Any]) -> Settings:
         """Return the settings themselves, because they never change."""
         return self
 
     def __repr__(self) -> str:
-        return f"Settings({self.to_tree()}, per_cell={self.per_cell})"
+        return f"Settings({self.to_tree()})"
 
     @classmethod
     def from_tree(cls, tree: Dict[str, Any]) -> Settings:
@@ -145,15 +136,15 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         values = {server: dict(server_values) for server, server_values in self.items()}
         for change in changes:
             values.setdefault(change.server, {})[change.name] = change.after
-        return Settings(values, self.per_cell)
+        return Settings(values)
 
     def replaced(self, server: str, values: Mapping[str, Any]) -> Settings:
         """Return the settings with other values of one server {name: value}."""
-        return Settings({**self._values, server: values}, self.per_cell)
+        return Settings({**self._values, server: values})
 
     def only(self, servers: Iterable[str]) -> Settings:
         """Return the settings of some servers."""
-        return Settings({server: self._values[server] for server in servers}, self.per_cell)
+        return Settings({server: self._values[server] for server in servers})
 
     def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
         """Return the changes from these settings to others.

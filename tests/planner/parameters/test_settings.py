@@ -56,15 +56,6 @@ def test_other_values_of_a_server_replace_all_that_it_had(settings):
     assert copy.deepcopy(settings) is settings
 
 
-def test_equal_numbers_in_another_unit_are_other_settings(settings):
-    per_cell = Settings(settings, per_cell=True)
-    assert per_cell != settings
-    assert per_cell == Settings(settings, per_cell=True)
-    # Other values keep the unit.
-    for derived in (per_cell.with_(SLOWER), per_cell.only([LAYER]), per_cell.replaced(LAYER, {})):
-        assert derived.per_cell
-
-
 def test_a_change_in_words():
     assert str(NARROWER) == "inflation_radius 1 -> 0.5"
     assert SLOWER.advice == "set TrajectoryPlannerROS/max_vel_x to 0.25 instead of 0.5"

@@ -233,6 +233,4 @@ def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     explore = methods.make("explore", robot)
     centre = methods.make(around, robot)
     assert explore.theta(None) == pytest.approx(centre.theta(None))
-    # Distance biases are per cell in both, or per metre in both.
-    assert explore.per_cell == centre.per_cell
     assert explore.period == recipe("offline")["decision_period"]

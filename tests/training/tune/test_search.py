@@ -336,7 +336,7 @@ def test_the_obstacle_range_of_another_robots_set_is_scaled_by_size():
 
     def range_of(obstacle_range):
         """Return the range [m] for the Jackal of a range in a set for the waffle."""
-        parameter_set = ParameterSet(theta, per_cell=False, obstacle_range=obstacle_range)
+        parameter_set = ParameterSet(theta, obstacle_range=obstacle_range)
         action = best_set.range_action(parameter_set, waffle, space, JACKAL)
         return space.to_theta(np.full(len(space), action))[-1]
 
