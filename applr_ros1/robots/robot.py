@@ -537,8 +537,8 @@ class Robot:
     """Robot described by a folder of the same name.
 
     Its fields are those of RobotFile, and `uses_map`: whether it drives with its parameters for a
-    map, and `is_running`: whether these were read from a running move_base, so that their
-    `meter_scoring` is in force. This package's stack overrides that of a robot's files.
+    map, and `is_running`: whether these were read from a running move_base
+    (driven_parameters).
     """
 
     name: str
@@ -603,6 +603,16 @@ class Robot:
         """Return a copy of the move_base parameters in use (on_map)."""
         # A copy, because a caller may change it, and robots are shared by all.
         return copy.deepcopy(self._tree_in_use)
+
+    def driven_parameters(self) -> Dict[str, Any]:
+        """Return a copy of the parameters in use with which a planner of this package drives.
+
+        Its distance biases are per costmap cell, unless a running move_base said otherwise.
+        """
+        parameters = self.parameters()
+        if not self.is_running:
+            branch(parameters, namespace(LOCAL_PLANNERS[0]), create=True)["meter_scoring"] = False
+        return parameters
 
     def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
         """Return the robot under another name, with parameters that override its files."""

@@ -5,14 +5,13 @@ A question holds all that the planner needs, so that questions may be asked in a
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+from typing import Any, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.scan import LaserScan, PointCloud, observe
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.planner.plan_cut import half_size
@@ -47,17 +46,6 @@ class Ahead(NamedTuple):
     lethal_points: np.ndarray
 
 
-def driven_parameters(robot: Robot) -> Dict[str, Any]:
-    """Return the parameters with which a robot's move_base drives.
-
-    Its distance biases are per cell, unless a running move_base said otherwise.
-    """
-    parameters = robot.parameters()
-    if robot.is_running:
-        return parameters
-    return counting_cells(parameters)
-
-
 class RerunPlanner:
     """Local planner of a robot with its costmap, by the parameters of the robot's files.
 
@@ -71,7 +59,7 @@ class RerunPlanner:
     """
 
     def __init__(self, robot: Robot):
-        self._move_base = MoveBase(driven_parameters(robot))
+        self._move_base = MoveBase(robot.driven_parameters())
         self._local: Any = self._move_base.local_planner
         self._costmap = self._move_base.local_costmap
         self._settings: Optional[Settings] = None  # Those that the MoveBase has, if they are known

@@ -29,7 +29,6 @@ from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.decision import Seen
 from applr_ros1.robots import Robot
@@ -91,7 +90,7 @@ def simulated(
     """
     if isinstance(world, str):
         world = worlds.scaled(worlds.load(world), robot.world_scale)
-    move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
+    move_base = MoveBase(robot.driven_parameters(), planner=CPP_LIKE, seed=seed)
     stack = Stack(robot, move_base, monitor=False, escapes=False)
     # Without decisions, the parameters of the files stay, even out of the ranges of robot.yaml.
     course_drive = CourseDrive(

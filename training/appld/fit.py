@@ -15,7 +15,6 @@ import numpy as np
 from applr_ros1.common.angles import Twist
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
@@ -104,7 +103,7 @@ def stretches(
 ) -> List[DemonstrationStretch]:
     """Return a stretch for each segment, from a replay of the whole demonstration with theta_0."""
     goal_pose = demonstration.goal_pose
-    planner = MoveBase(counting_cells(robot.parameters()))
+    planner = MoveBase(robot.driven_parameters())
     space = space_of(robot)
     planner.put_in_force(space.settings(space.theta0))
     step(planner, demonstration, robot, i=0)

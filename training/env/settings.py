@@ -10,7 +10,6 @@ from pydantic import ConfigDict
 
 from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.robots import Robot
@@ -134,6 +133,6 @@ class TrialSettings(DriveSettings):
 
     def _planner(self, robot: Robot) -> MoveBase:
         """Return the planner with the parameters that a robot uses."""
-        parameters = counting_cells(robot.parameters())
+        parameters = robot.driven_parameters()
         parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
         return MoveBase(parameters, planner=self.planner)

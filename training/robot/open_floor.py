@@ -23,7 +23,6 @@ from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters import check as parameters
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
 from applr_ros1.stack.simulated import SimulatedRobot
@@ -99,8 +98,8 @@ class OpenFloor:
     """
 
     def __init__(self, robot: Robot, **physics: Any):
-        parameters = robot.in_matched_frame().parameters()
-        stack = Stack(robot, MoveBase(counting_cells(parameters)), monitor=True)
+        parameters = robot.in_matched_frame().driven_parameters()
+        stack = Stack(robot, MoveBase(parameters), monitor=True)
         simulator = sim_bridge.make("kinematic", robot=robot, **physics)
         self._simulated_robot = SimulatedRobot(simulator, stack)
 

@@ -28,7 +28,6 @@ from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
-from applr_ros1.why.rerun import driven_parameters
 from training.why.candidates import Candidate, with_changes
 from training.why.deciding import POLICY
 from training.workers.calls import CallFailed, CallLost
@@ -214,7 +213,7 @@ def drive_once(
     limit = min(conditions.limit, float(np.ceil(to_beat)))
     stack = Stack(
         robot,
-        MoveBase(driven_parameters(robot), planner=CPP_LIKE, seed=seed),
+        MoveBase(robot.driven_parameters(), planner=CPP_LIKE, seed=seed),
         monitor=conditions.has_monitor,
         escapes=conditions.has_monitor,
     )

@@ -12,7 +12,6 @@ from applr_ros1 import robots
 from applr_ros1.drives import simulate
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
@@ -52,7 +51,7 @@ def dead_end():
 @pytest.fixture(scope="module")
 def recorded():
     """Return a replay of the policy's drive with the files' obstacle range of 2.5 m."""
-    move_base = MoveBase(counting_cells(JACKAL.parameters()), planner=CPP_LIKE, seed=1)
+    move_base = MoveBase(JACKAL.driven_parameters(), planner=CPP_LIKE, seed=1)
     stack = Stack(JACKAL, move_base, monitor=True)
     drive = simulate.drive(
         SimulatedRobot(KinematicSimulator(JACKAL), stack),

@@ -8,7 +8,6 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Verdicts
-from applr_ros1.planner.parameters.meter_scoring import counting_cells
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import RawMessage
@@ -41,7 +40,7 @@ def answers(path, robot, drive, stop=None, described=None):
     """
     messages = raw_messages(path, drive, robot=robot)
     # The simulated drives count cells, as this package's stack does.
-    described = described or driving(robot, counting_cells(robot.parameters()))
+    described = described or driving(robot, robot.driven_parameters())
     text = text_of(DescribedRobot(described, TopicNames.of(robot), True)).encode()
     description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
     stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
