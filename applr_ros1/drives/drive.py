@@ -359,8 +359,8 @@ class Drive:
     def pack(self) -> bytes:
         """Return the driven path as npz.
 
-        It has time, pose and twist in a row per control cycle, theta and decided per decision, and
-        the times of contacts. Poses are true. A path is kept of many trials, for pictures:
+        It has time, pose and twist in a row per control cycle, theta and decided per decision, the
+        names of the parameters, and the times of contacts. Poses are true. A path is kept of many trials, for pictures:
         everything else is left out.
         """
         truth = self.require(Driven).truth
@@ -376,33 +376,32 @@ class Drive:
         arrays: Dict[str, Any] = {}
         for column_name, column in columns.items():
             arrays[column_name] = np.asarray(column, np.float32)
+        for decision in self.decisions[:1]:
+            arrays["names"] = np.array(list(decision.after))
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         return buffer.getvalue()
 
     @classmethod
     def unpack(cls, packed: bytes) -> "Drive":
-        """Return the drive of which `pack` returned the path.
-
-        The parameters of its decisions have numbers as names.
-        """
+        """Return the drive of which `pack` returned the path."""
         with np.load(io.BytesIO(packed)) as arrays:
             times = arrays["time"]
             truth = Motion(times, times, arrays["pose"], arrays["twist"])
             thetas = arrays["theta"]
             decision_times = arrays["decided"]
-            # Older paths have no contacts.
-            contact_times = arrays["contacts"] if "contacts" in arrays else np.empty(0)
+            # Older paths have neither contacts nor names.
+            contact_times = arrays.get("contacts", np.empty(0))
+            numbers = np.arange(thetas.shape[-1]).astype(str)
+            names = arrays.get("names", numbers).tolist()
         decisions = []
         for decision_time, theta in zip(decision_times.tolist(), thetas.tolist()):
-            # The names were not packed.
-            parameters = dict(zip(map(str, range(len(theta))), theta))
             decision = Decision(
                 goal="",
                 time=decision_time,
                 scan_time=decision_time,
                 before={},
-                after=parameters,
+                after=dict(zip(names, theta)),
                 seen=None,
             )
             decisions.append(decision)

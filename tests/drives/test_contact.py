@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.drives.contact import contact_in_words, contact_speed
-from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.drives.drive import Decision, Drive, Motion
 
 TIMES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 # The robot brakes, stands, and is pushed back from 1.5 s on.
@@ -42,9 +42,14 @@ def test_without_a_contact_or_true_motion_or_its_time_the_speed_is_unknown():
     assert math.isnan(contact_speed(driven([math.inf])))
 
 
-def test_a_kept_path_has_the_contacts():
-    unpacked = Drive.unpack(driven([1.0]).pack())
+def test_a_kept_path_has_the_contacts_and_the_names_of_the_parameters():
+    drive = driven([1.0])
+    drive.decisions.append(Decision("", 0.5, 0.5, {}, {"max_vel_x": 0.75, "vx_samples": 6.0}, None))
+    unpacked = Drive.unpack(drive.pack())
     assert contact_speed(unpacked) == pytest.approx(0.4)
+    assert unpacked.decisions[0].after == {"max_vel_x": 0.75, "vx_samples": 6.0}
+    without_decisions = Drive.unpack(driven([1.0]).pack())
+    assert without_decisions.decisions == []
 
 
 def test_a_contact_at_rest_is_told_from_one_in_motion():
