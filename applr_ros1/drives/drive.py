@@ -360,8 +360,8 @@ class Drive:
         """Return the driven path as npz.
 
         It has time, pose and twist in a row per control cycle, theta and decided per decision, the
-        names of the parameters, and the times of contacts. Poses are true. A path is kept of many trials, for pictures:
-        everything else is left out.
+        names of the parameters, and the times of contacts. Poses are true. A path is kept of many
+        trials, for pictures: everything else is left out.
         """
         truth = self.require(Driven).truth
         columns = {
