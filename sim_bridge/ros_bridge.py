@@ -35,6 +35,7 @@ import worlds
 from applr_ros1.common.angles import Twist
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.messages import twist_of
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import command_topic, init_node, until_shutdown
 from applr_ros1.robots import load
@@ -199,8 +200,7 @@ class Bridge:
     # -- callbacks ---------------------------------------------------------------------------------
     def on_command(self, message: Any) -> None:
         """Store a velocity command for the simulation thread, unless it is not finite."""
-        v = message.linear.x
-        w = message.angular.z
+        v, w = twist_of(message)
         if not (isfinite(v) and isfinite(w)):
             problem = f"velocity command ({v:g}, {w:g}) rejected: send finite numbers"
             rospy.logwarn_throttle(5.0, f"sim_bridge: {problem}")

@@ -12,7 +12,8 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
+from applr_ros1.common.angles import quaternion_of
+from applr_ros1.common.messages import frame_of, pose_of, twist_of
 from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, DriveError
 from applr_ros1.monitor.monitor import action_in, action_text
 from applr_ros1.policy.decision import Seen
@@ -129,21 +130,6 @@ def stamp_of(time: Any) -> Stamp:
     if hasattr(time, "nanosec"):
         return Stamp(time.sec * SECOND + time.nanosec)
     return Stamp(time.secs * SECOND + time.nsecs)
-
-
-def frame_of(message: Any) -> str:
-    """Return the frame of a message."""
-    return str(message.header.frame_id.lstrip("/"))
-
-
-def pose_of(message: Any) -> Pose:
-    """Return (x, y, yaw) of a geometry_msgs/Pose."""
-    return message.position.x, message.position.y, yaw_of(message.orientation)
-
-
-def twist_of(message: Any) -> Twist:
-    """Return (v, w) of a geometry_msgs/Twist."""
-    return message.linear.x, message.angular.z
 
 
 def _pose(pose: Any) -> Fields:

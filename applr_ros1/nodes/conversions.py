@@ -24,6 +24,7 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.messages import pose_of, twist_of
 from applr_ros1.common.scan import LaserScan, Point3D, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
@@ -68,13 +69,6 @@ def is_upright(q: Any) -> bool:
     return bool(tilt <= 1e-3)
 
 
-def pose_of(message: Any) -> Pose:
-    """Return (x, y, yaw) of a geometry_msgs/Transform or a geometry_msgs/Pose."""
-    if hasattr(message, "position"):
-        return message.position.x, message.position.y, yaw_of(message.orientation)
-    return message.translation.x, message.translation.y, yaw_of(message.rotation)
-
-
 def path_points(stamped_poses: Sequence[PoseStamped]) -> np.ndarray:
     """Return the points (n, 2) [m] of poses in the order of a nav_msgs/Path."""
     points = []
@@ -100,11 +94,10 @@ class Reading(NamedTuple):
 
 def reading_of(message: Any) -> Reading:
     """Convert a nav_msgs/Odometry."""
-    velocity = message.twist.twist
     return Reading(
         time=message.header.stamp.to_sec(),
         pose=pose_of(message.pose.pose),
-        twist=(velocity.linear.x, velocity.angular.z),
+        twist=twist_of(message.twist.twist),
     )
 
 

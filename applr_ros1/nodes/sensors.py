@@ -21,6 +21,7 @@ from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
 from applr_ros1.common.angles import Pose, Twist, compose
+from applr_ros1.common.messages import pose_of, twist_of
 from applr_ros1.common.ros_node import LARGE_BUFFER, SMALL_BUFFER
 from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.policy.layout import ObservationError
@@ -134,7 +135,7 @@ class Sensors:
     def _take_odometry(self, message: Odometry) -> None:
         """Store the speed and turn rate of a message, with its arrival."""
         # The base cannot drive sideways: a lateral velocity is noise or slip.
-        twist = (message.twist.twist.linear.x, message.twist.twist.angular.z)
+        twist = twist_of(message.twist.twist)
         if not all(map(math.isfinite, twist)):
             rospy.logerr_throttle(1.0, f"odometry message ignored: its twist {twist} is not finite")
             return
@@ -261,7 +262,7 @@ class Sensors:
             return None
         if source == self.base:
             self._pose_stamp = transform.header.stamp
-        return conversions.pose_of(transform.transform)
+        return pose_of(transform.transform)
 
     def place_of(self, frame: str) -> Optional[Pose]:
         """Return the latest pose of a frame in the global frame, None if tf does not know it."""
@@ -269,7 +270,7 @@ class Sensors:
             transform = self.transforms.at(self.globe, frame, rospy.Time(0)).transform
         except ObservationError:
             return None
-        return conversions.pose_of(transform)
+        return pose_of(transform)
 
     def observations(self) -> Dict[str, Any]:
         """Return the new observations (common.scan) whose transforms are known.
@@ -319,7 +320,7 @@ class Sensors:
         Raises:
             MessageError: tf cannot transform its frame.
         """
-        goal_pose = conversions.pose_of(message.pose)
+        goal_pose = pose_of(message.pose)
         frame = message.header.frame_id.lstrip("/")
         if frame == self.globe:
             return goal_pose
@@ -329,7 +330,7 @@ class Sensors:
         except ObservationError as problem:
             failure = f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}"
             raise MessageError(f"{failure}: {problem}") from None
-        return compose(conversions.pose_of(transform), goal_pose)
+        return compose(pose_of(transform), goal_pose)
 
 
 class _Topic:

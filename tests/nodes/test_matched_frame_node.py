@@ -9,6 +9,7 @@ import pytest
 import rospy
 
 from applr_ros1.common.angles import compose
+from applr_ros1.common.messages import pose_of
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.monitor import frame_broadcaster
@@ -40,7 +41,7 @@ def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(bro
     assert transform.header.frame_id == "robot1/odom"
     assert transform.child_frame_id == "robot1/matched"
     assert transform.header.stamp == rospy.Time(10, 100_000_000)
-    matched_in_odometry = conversions.pose_of(transform.transform)
+    matched_in_odometry = pose_of(transform.transform)
     assert compose(CORRECTION, matched_in_odometry) == pytest.approx((0.0, 0.0, 0.0))
 
 

@@ -17,6 +17,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from applr_ros1.common.angles import Pose, transform_motions
+from applr_ros1.common.messages import pose_of
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.common.scan import LEAST_LEVEL_COS
 from applr_ros1.msg import Movers
@@ -125,7 +126,7 @@ class RobotInputs:
             now.to_sec() - began,
             self._pose(frame, stamps["scan"], now),
             self._sensors.twist,
-            conversions.pose_of(goal_pose),
+            pose_of(goal_pose),
             conversions.path_points(plan.poses),
             moving_obstacles,
         )
@@ -183,7 +184,7 @@ class RobotInputs:
             transform = self._transforms.at(frame, self._base, stamp)
         except ObservationError:
             transform = self._transforms.latest(frame, self._base, now, MAX_AGE_S)
-        return conversions.pose_of(transform.transform)
+        return pose_of(transform.transform)
 
     def _moving(
         self, message: Optional[Movers], frame: str, now: rospy.Time
@@ -198,7 +199,7 @@ class RobotInputs:
         motions = np.column_stack(columns).astype(float)
         if frame.lstrip("/") != message.header.frame_id.lstrip("/"):
             transform = self._transforms.latest(frame, message.header.frame_id, now, MAX_AGE_S)
-            motions = transform_motions(conversions.pose_of(transform.transform), motions)
+            motions = transform_motions(pose_of(transform.transform), motions)
         return motions, message.header.stamp
 
     def _on_movers(self, message: Movers) -> None:

@@ -27,6 +27,7 @@ from std_msgs.msg import Bool, String
 
 from applr_ros1.common.angles import Twist
 from applr_ros1.common.errors import ApplrError, run_script, shown
+from applr_ros1.common.messages import twist_of
 from applr_ros1.common.ros_node import command_topic, init_node, status_name, until_shutdown
 from applr_ros1.monitor.monitor import (
     BRAKE,
@@ -225,7 +226,7 @@ class CollisionMonitorNode:
                 self._take_scans()
                 self._commanded = self._clock.now
                 self._commanded_wall = time.monotonic()
-                self._drive((message.linear.x, message.angular.z))
+                self._drive(twist_of(message))
             except Exception as problem:
                 self._fail(problem)
 

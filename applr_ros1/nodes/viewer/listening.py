@@ -16,9 +16,9 @@ from rospy.numpy_msg import numpy_msg
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import reason
+from applr_ros1.common.messages import pose_of
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.common.threads import called
-from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import TransformBuffer
 from applr_ros1.policy.layout import ObservationError
 

@@ -17,9 +17,10 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import Pose, compose, transform_point
+from applr_ros1.common.messages import pose_of
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.paths import step_lengths
-from applr_ros1.nodes.conversions import path_points, pose_of
+from applr_ros1.nodes.conversions import path_points
 from applr_ros1.robots import Robot
 
 from .listening import Listener
