@@ -1,9 +1,9 @@
-"""The Pilot makes every decision: it asks the method, or a rule that decides in its place.
+"""The Pilot makes every decision: it asks those who may decide, in order of their priority.
 
-The applr node, simulated trials and the learning environment all ask a Pilot once per decision
-period. Anyone else who is to decide, such as a person every few seconds, belongs here, beside the
-stall rule. A period without a decision, such as one in which the method raised an error, is
-reported with `miss`.
+A person who sets values by hand comes first, then the stall rule, then the method. The applr node,
+simulated trials and the learning environment all ask a Pilot once per decision period. Anyone else
+who is to decide belongs into `decide`, beside the stall rule. A period without a decision, such as
+one in which the method raised an error, is reported with `miss`.
 
 The Pilot alone clips parameters, and it owns the speed limit of all that are chosen. Others may set
 parameters beside it: the last guard is at the base, where the move_base node slows each command
@@ -13,11 +13,12 @@ beyond the limit (nodes/move_base/node.py).
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Optional
+from typing import Any, Mapping, NamedTuple, Optional
 
 import numpy as np
 
 from applr_ros1.common.arrays import Array
+from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.policy.decision import Context, Method, Seen
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.policy.stall_rule import StallRule
@@ -29,6 +30,7 @@ LOST_PERIODS = 3
 METHOD = "method"  # parameters of the method
 STALL = "stall"  # parameters of the stall rule in place of those of the method
 DEFAULTS = "defaults"  # default parameters of the robot, theta_0
+BY_HAND = "set by hand"  # parameters that a person has set while the method is off
 
 
 class Choice(NamedTuple):
@@ -37,8 +39,9 @@ class Choice(NamedTuple):
     Attributes:
         theta: Parameters (n,) within the ranges and the speed limit.
         clears_costmaps: Whether both costmaps are to be cleared before they take effect.
-        why: METHOD, STALL or DEFAULTS. Default parameters are in the planner's own unit, all others
-            have distance biases per costmap cell.
+        why: METHOD, STALL, DEFAULTS or BY_HAND. The distance biases of method and stall rule are
+            per costmap cell, those of the defaults are in the planner's own unit, and those set by
+            hand in the unit of the parameters before.
     """
 
     theta: Array
@@ -58,6 +61,7 @@ class Pilot:
     Attributes:
         space: Parameter space of the robot, below the speed limit.
         misses: Number of successive periods without a decision.
+        by_hand: Choice of a person, which drives while the method is off; None without one.
     """
 
     def __init__(
@@ -74,6 +78,7 @@ class Pilot:
         if max_speed < math.inf:
             self.space = self.space.below(max_speed)
         self.misses = 0
+        self.by_hand: Optional[Choice] = None
         self._period = period
         self._stall_rule = StallRule(robot)
 
@@ -103,6 +108,32 @@ class Pilot:
         self._stall_rule.reset(seed)
         self.method.period = self.period  # The observation may depend on the period.
         self.method.reset(seed)
+
+    def set_by_hand(self, values: Mapping[str, float], theta: Optional[Array]) -> Choice:
+        """Return a person's choice with {name: value}, clipped to the ranges, and keep it.
+
+        Other parameters stay as they are.
+
+        Args:
+            values: {name: value}.
+            theta: Parameters (n,) in force, or None if they are not known yet.
+
+        Raises:
+            ApplrError: A name is unknown, a value is not finite, or the parameters in force are not
+                known. Nothing was changed.
+        """
+        # Two changes may follow each other faster than the servers answer.
+        if self.by_hand is not None:
+            theta = self.by_hand.theta
+        if theta is None:
+            raise ApplrError("the planner's parameters are not known yet")
+        unknown_names = sorted(set(values) - set(self.space.names))
+        if unknown_names:
+            advice = f"use {', '.join(self.space.names)}"
+            raise ApplrError(f"unknown parameter {shown(unknown_names[0])}: {advice}")
+        changed = {**self.space.as_dict(theta), **values}
+        self.by_hand = Choice(self.limited(list(changed.values())), False, BY_HAND)
+        return self.by_hand
 
     def observe(self, theta: Array, seen: Seen) -> Context:
         """Return the context of a decision.

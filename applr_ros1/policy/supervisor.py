@@ -12,13 +12,11 @@ from collections import Counter
 from typing import Callable, Dict, Mapping, NamedTuple, Optional
 
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError, one_line, shown
+from applr_ros1.common.errors import one_line
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.pilot import LOST_PERIODS, STALL, Choice, Pilot
 
 LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
-# Reason of a choice that is not the pilot's. Its distance biases have the unit of those before.
-BY_HAND = "set by hand"
 # Whose parameters are in force, in words
 DEFAULT_PARAMETERS = "the robot's default parameters"
 PARAMETERS_BY_HAND = "the parameters set by hand"
@@ -77,8 +75,6 @@ class Supervisor:
         self.due = math.inf
         self.last: Optional[float] = None
         self._on_trouble = on_trouble
-        # Parameters set by hand while the method is off
-        self._by_hand: Optional[Choice] = None
         self._latest: Optional[Choice] = None  # latest choice of any kind
         self._beat_due: Optional[float] = None  # time of the next heartbeat; None before the first
 
@@ -92,36 +88,13 @@ class Supervisor:
             return
         self.enabled = enabled
         self.has_rested = False
-        self._by_hand = None
+        self.pilot.by_hand = None
 
     def set_by_hand(self, values: Mapping[str, float], theta: Optional[Array]) -> Choice:
-        """Switch the method off, and return a choice with {name: value}, clipped to the ranges.
-
-        Other parameters stay as they are.
-
-        Args:
-            values: {name: value}.
-            theta: Parameters (n,) in force, or None if they are not known yet.
-
-        Raises:
-            ApplrError: A name is unknown, a value is not finite, or the parameters in force are not
-                known. Nothing was changed.
-        """
-        # Two changes may follow each other faster than the servers answer.
-        if self._by_hand is not None:
-            theta = self._by_hand.theta
-        if theta is None:
-            raise ApplrError("the planner's parameters are not known yet")
-        space = self.pilot.space
-        unknown_names = sorted(set(values) - set(space.names))
-        if unknown_names:
-            advice = f"use {', '.join(space.names)}"
-            raise ApplrError(f"unknown parameter {shown(unknown_names[0])}: {advice}")
-        changed = {**space.as_dict(theta), **values}
-        limited_theta = self.pilot.limited(list(changed.values()))
-        self._by_hand = Choice(limited_theta, False, BY_HAND)
+        """Switch the method off, and return a person's choice (Pilot.set_by_hand)."""
+        choice = self.pilot.set_by_hand(values, theta)
         self.enabled = False
-        return self._by_hand
+        return choice
 
     def change_method(self, method: Method, now: float) -> None:
         """Replace the method. In the middle of a course, the new method decides at once."""
@@ -140,8 +113,8 @@ class Supervisor:
         return self._latest
 
     def _resting_choice(self) -> Choice:
-        if self._by_hand is not None:
-            return self._by_hand
+        if self.pilot.by_hand is not None:
+            return self.pilot.by_hand
         if self.enabled:
             try:
                 return self.pilot.between_courses()
@@ -268,7 +241,7 @@ class Supervisor:
     @property
     def in_force(self) -> str:
         """Parameters with which the planner drives as soon as its servers answer, in words."""
-        if self._by_hand is not None:
+        if self.pilot.by_hand is not None:
             return PARAMETERS_BY_HAND
         method = self.pilot.method
         decides = self.last is not None and not self.pilot.has_lost_method

@@ -8,8 +8,7 @@ import pytest
 from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from applr_ros1.policy.pilot import DEFAULTS, METHOD, STALL, Choice, Pilot
-from applr_ros1.policy.supervisor import BY_HAND
+from applr_ros1.policy.pilot import BY_HAND, DEFAULTS, METHOD, STALL, Choice, Pilot
 from applr_ros1.robots import JACKAL
 from tests.support.contexts import Chooses
 from tests.support.ros import wait_for

@@ -5,8 +5,8 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
-from applr_ros1.policy.pilot import DEFAULTS, METHOD, STALL, Pilot
-from applr_ros1.policy.supervisor import BY_HAND, Supervisor
+from applr_ros1.policy.pilot import BY_HAND, DEFAULTS, METHOD, STALL, Pilot
+from applr_ros1.policy.supervisor import Supervisor
 from applr_ros1.robots import JACKAL
 from tests.support.contexts import Chooses, driving, parameters, scene
 

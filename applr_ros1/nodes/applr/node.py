@@ -26,8 +26,8 @@ from applr_ros1.nodes.sensors import RosClock
 from applr_ros1.planner.parameters.obstacle_range import mismatch
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.layout import ObservationError
-from applr_ros1.policy.pilot import DEFAULTS, Choice, Pilot
-from applr_ros1.policy.supervisor import BY_HAND, DEFAULT_PARAMETERS, Supervisor
+from applr_ros1.policy.pilot import BY_HAND, DEFAULTS, Choice, Pilot
+from applr_ros1.policy.supervisor import DEFAULT_PARAMETERS, Supervisor
 from applr_ros1.robots import JACKAL, Robot
 
 TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
