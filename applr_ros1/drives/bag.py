@@ -11,7 +11,6 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence, Typ
 import numpy as np
 
 from applr_ros1.drives.columns import (
-    ACTIVE,
     CODE_OF_END,
     COLUMNS,
     PREEMPTED,
@@ -22,6 +21,7 @@ from applr_ros1.drives.columns import (
 )
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, Goal, Rows
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import ACTIVE
 
 GLOBAL_PLANNER = "NavfnROS"  # name of the global planner under which routes are written
 

@@ -20,14 +20,14 @@ from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.observation import FARTHEST_M, beginning
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import PURSUED
 
 Row = Dict[str, Any]  # values of a row of a column by the names of its fields
 Fields = Dict[str, Any]  # fields of a message; times in seconds, inner messages as Fields
 
 SECOND = 1_000_000_000  # one second [ns]
-# Status codes of actionlib: of a running goal (active, preempting), and of the ends of goals.
-ACTIVE, PREEMPTED, SUCCEEDED, GAVE_UP, REJECTED, PREEMPTING = 1, 2, 3, 4, 5, 6
-RUNNING = (ACTIVE, PREEMPTING)
+# Status codes of actionlib for the ends of goals
+PREEMPTED, SUCCEEDED, GAVE_UP, REJECTED = 2, 3, 4, 5
 END_OF_CODE = {SUCCEEDED: REACHED, GAVE_UP: ABORTED, REJECTED: ABORTED}
 CODE_OF_END = {REACHED: SUCCEEDED, ABORTED: GAVE_UP}
 # Fields of Parameters.msg that hold eight of the values once more, for plots
@@ -308,7 +308,7 @@ def _unpack_status(message: Any) -> List[Row]:
     running = ""
     for status in message.status_list:
         # A goal that replaces another one comes after it.
-        if status.status in RUNNING:
+        if status.status in PURSUED:
             running = status.goal_id.id
     return [{"running": running}]
 

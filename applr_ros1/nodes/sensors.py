@@ -26,10 +26,11 @@ from applr_ros1.common.ros_node import LARGE_BUFFER, SMALL_BUFFER
 from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import USABLE_AGE_S
 
 from . import conversions
 from .conversions import MessageError
-from .transforms import MAX_AGE_S, MAX_AHEAD_S, TransformBuffer
+from .transforms import MAX_AHEAD_S, TransformBuffer
 
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
@@ -227,7 +228,7 @@ class Sensors:
         None if it is not within `tolerance` [s] of now.
         """
         pose = self._latest_pose(self.local, self.base, now, tolerance, tolerance)
-        if pose is not None and not self.odometry_trouble(now, MAX_AGE_S):
+        if pose is not None and not self.odometry_trouble(now, USABLE_AGE_S):
             self._compare_odometry(now, pose)
         return pose
 
@@ -294,7 +295,7 @@ class Sensors:
         frame = message.header.frame_id
         stamp = message.header.stamp
         stamp_lead = (stamp - rospy.get_rostime()).to_sec()
-        if stamp_lead > MAX_AGE_S:
+        if stamp_lead > USABLE_AGE_S:
             raise MessageError(f"is stamped {stamp_lead:.2f} s ahead of the clock")
         try:
             transform = self.transforms.at(self.local, frame, stamp).transform

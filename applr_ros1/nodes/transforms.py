@@ -16,7 +16,6 @@ BUFFER_S = 20.0  # time for which tf keeps transforms [s]
 # Largest lead of a transform's stamp over the clock in the buffer [s], that of the largest
 # transform_tolerance. tf refuses transforms that are BUFFER_S older than the latest one.
 BUFFER_AHEAD_S = 10.0
-MAX_AGE_S = 1.0  # largest usable age of a message, and largest lead of its stamp over the clock [s]
 # Largest lead of a transform's stamp over the clock [s]; amcl adds its transform_tolerance.
 MAX_AHEAD_S = 3.0
 

@@ -14,7 +14,8 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.why.stretch import SILENT_S, SLOW, STILL_SPEED, STILL_TURN
+from applr_ros1.senses.standing import SILENT_S, STOOD
+from applr_ros1.why.stretch import SLOW
 
 CREEPS = 0.25  # share of the top speed below which a robot creeps
 # Shortest durations that count as an event [s]. A robot that turns, swings or backs out for a
@@ -180,11 +181,11 @@ def around(at: float, odometry: Motion, limits: DriveLimits) -> Event:
 def _motion_in_words(motion: Motion) -> str:
     """Return what a robot did on average, with its speed [m/s]."""
     v, w = motion.twist.mean(axis=0).tolist()
-    if v <= -STILL_SPEED:
+    if v <= -STOOD.v:
         return f"drove backwards with {-v:.2f} m/s"
-    if v >= STILL_SPEED:
+    if v >= STOOD.v:
         return f"drove with {v:.2f} m/s"
-    if abs(w) >= STILL_TURN:
+    if abs(w) >= STOOD.w:
         return f"turned on the spot with {abs(w):.2f} rad/s"
     return "stood"
 
@@ -194,9 +195,9 @@ def _kinds(odometry: Motion, limits: DriveLimits) -> Iterator[Kind]:
     v, w = odometry.twist.T
     speed = np.abs(v)
     # A robot whose top speed is very low drives at speeds at which others stand.
-    standing_speed = np.minimum(STILL_SPEED, 0.5 * CREEPS * limits.speed)
+    standing_speed = np.minimum(STOOD.v, 0.5 * CREEPS * limits.speed)
     stands = speed < standing_speed
-    turns = np.abs(w) >= STILL_TURN
+    turns = np.abs(w) >= STOOD.w
     turns_on_the_spot = stands & turns
     drives_back = (v < 0.0) & ~stands
     yield Kind("went to and fro", FRO_S / 2, _to_and_fro(odometry, limits))
@@ -241,8 +242,8 @@ def _to_and_fro(odometry: Motion, limits: DriveLimits) -> np.ndarray:
 
     # Numbers of rows until each one in which the robot drives backwards, and forwards
     v = odometry.twist[:, 0]
-    backward_rows = np.concatenate([[0], np.cumsum(v < -STILL_SPEED)])
-    forward_rows = np.concatenate([[0], np.cumsum(v > STILL_SPEED)])
+    backward_rows = np.concatenate([[0], np.cumsum(v < -STOOD.v)])
+    forward_rows = np.concatenate([[0], np.cumsum(v > STOOD.v)])
     drives_back = backward_rows[last_rows] > backward_rows[first_rows]
     drives_on = forward_rows[last_rows] > forward_rows[first_rows]
 

@@ -15,10 +15,8 @@ from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
 from applr_ros1.drives.drive import Rows, Verdicts
 from applr_ros1.monitor.monitor import REVERSING
+from applr_ros1.senses.standing import SILENT_S, STOOD
 from applr_ros1.why.stretch import (
-    SILENT_S,
-    STILL_SPEED,
-    STILL_TURN,
     Stretch,
     durations,
     latest_rows,
@@ -243,7 +241,7 @@ def unmoved(stretch: Stretch) -> str:
     seconds = durations(commands, stretch.end)
     odometry_rows = latest_rows(drive.odometry, commands.time)
     speed, turn_rate = np.abs(drive.odometry.twist[odometry_rows]).T
-    stands = asks_for_motion & (speed < STILL_SPEED) & (turn_rate < STILL_TURN)
+    stands = asks_for_motion & (speed < STOOD.v) & (turn_rate < STOOD.w)
     if not stretch.is_reason(float(seconds[stands].sum())):
         return ""
     return f"the base did not follow its commands of {_in_words(commands.twist[stands])}"

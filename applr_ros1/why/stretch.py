@@ -10,11 +10,7 @@ import numpy as np
 from applr_ros1.drives.drive import Drive, Rows
 
 SomeRows = TypeVar("SomeRows", bound=Rows)
-# A base stands below these [m/s, rad/s].
-STILL_SPEED = 0.03
-STILL_TURN = 0.1
 SLOW = 0.6  # share of the top speed below which a robot is slow
-SILENT_S = 1.0  # time without a message after which a source is silent [s]
 
 
 @dataclass(frozen=True)

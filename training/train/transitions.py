@@ -25,6 +25,7 @@ from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.senses.standing import USABLE_AGE_S
 from applr_ros1.stack.simulated import CONTROL_PERIOD
 from training.bags.read import BagError
 from training.env.reward import Reward, failed
@@ -32,7 +33,6 @@ from training.env.trajectory import Trajectory, TransitionLayout
 
 # Columns of a recorded drive that transitions need
 COLUMNS = ("scans", "odometry", "goals", "decisions", "ends", "contacts")
-MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
 # Movement between two poses that counts as a jump, in addition to that at FASTEST_M_S [m]
 JUMP_M = 0.3
@@ -221,7 +221,7 @@ def _states(
     decisions = _of_goal(recorded.decisions, goal, goal.end)
     if not decisions:
         raise Skipped("no decision was recorded for the goal")
-    ends = _of_goal(recorded.ends, goal, goal.end + MAX_AGE_S)
+    ends = _of_goal(recorded.ends, goal, goal.end + USABLE_AGE_S)
     if finish is not None:
         goal = _finished(recorded.odometry, goal, decisions, finish)
         decisions = _of_goal(decisions, goal, goal.end)
@@ -278,7 +278,7 @@ def _moments(
     moments.sort(key=lambda moment: moment.decision.time)
 
     latest_moment = moments[-1]
-    is_recorded = latest_moment.is_end and latest_moment.decision.time > goal.end - MAX_AGE_S
+    is_recorded = latest_moment.is_end and latest_moment.decision.time > goal.end - USABLE_AGE_S
     last_decision, last_seen = decisions[-1]
     if goal.has_ended and last_decision.time < goal.end and not is_recorded:
         values_at_end = last_decision.after or last_decision.before
@@ -348,9 +348,9 @@ def _unusable(scans: Scans, encoding: Encoding, before: State, after: State) -> 
         return "a decision's period differs from the others"
 
     # Without scans, a contact or a small clearance may have been missed.
-    is_near = (scans.stamp >= before.time - MAX_AGE_S) & (scans.stamp <= after.time)
+    is_near = (scans.stamp >= before.time - USABLE_AGE_S) & (scans.stamp <= after.time)
     stamps = scans.stamp[is_near]
-    if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S:
+    if len(stamps) < 2 or np.diff(stamps).max() > USABLE_AGE_S:
         return "scans are missing"
     # A person, or a refusal of the planner, may have set other values.
     if not np.array_equal(before.theta, after.outcome.theta):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Optional, Tuple
 
 import numpy as np
 import rospy
-from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalStatusArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
@@ -23,14 +23,12 @@ from applr_ros1.common.scan import LEAST_LEVEL_COS
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors
-from applr_ros1.nodes.transforms import MAX_AGE_S
 from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.senses.standing import PURSUED, STATUS_LOST_S, USABLE_AGE_S
 
-STATUS_AGE_S = 2.0  # time without a status after which move_base counts as gone [s]
 SIMULTANEOUS_S = 0.5  # largest time between a plan and the first status of its goal [s]
-_RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
 class Snapshot(NamedTuple):
@@ -90,16 +88,16 @@ class RobotInputs:
     def goal(self, now: rospy.Time) -> Any:
         """Return the id of move_base's goal, or None if there is none or move_base is gone."""
         with self._lock:
-            if self._goal is None or abs((now - self._status_time).to_sec()) > STATUS_AGE_S:
+            if self._goal is None or abs((now - self._status_time).to_sec()) > STATUS_LOST_S:
                 return None
             return self._goal
 
     def has_lost_move_base(self, now: rospy.Time) -> bool:
-        """Return whether move_base has published its status, but not for STATUS_AGE_S seconds."""
+        """Return whether move_base has published its status, but not for STATUS_LOST_S seconds."""
         with self._lock:
             if self._status_time is None:
                 return False
-            return bool((now - self._status_time).to_sec() > STATUS_AGE_S)
+            return bool((now - self._status_time).to_sec() > STATUS_LOST_S)
 
     def snapshot(self, now: rospy.Time, began: float) -> Snapshot:
         """Return a Snapshot at ROS time `now` of a course that began at ROS time `began` [s].
@@ -157,11 +155,11 @@ class RobotInputs:
         """Return (ranges [m], first angle, increment [rad]) of the latest scan for the robot."""
         scan = self._sensors.observations().get(self._scan_topic, self._scan)
         self._scan = scan
-        if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
+        if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > USABLE_AGE_S:
             latest = self._sensors.describe_latest(self._scan_topic)
             problem = f"no usable scan on {rospy.resolve_name(self._scan_topic)}"
             raise ObservationError(f"{problem}: {latest}")
-        trouble = self._sensors.odometry_trouble(now, MAX_AGE_S)
+        trouble = self._sensors.odometry_trouble(now, USABLE_AGE_S)
         if trouble:
             raise ObservationError(trouble)
 
@@ -183,7 +181,7 @@ class RobotInputs:
         try:
             transform = self._transforms.at(frame, self._base, stamp)
         except ObservationError:
-            transform = self._transforms.latest(frame, self._base, now, MAX_AGE_S)
+            transform = self._transforms.latest(frame, self._base, now, USABLE_AGE_S)
         return pose_of(transform.transform)
 
     def _moving(
@@ -193,12 +191,12 @@ class RobotInputs:
 
         There are none if the message is stale.
         """
-        if message is None or abs((now - message.header.stamp).to_sec()) > MAX_AGE_S:
+        if message is None or abs((now - message.header.stamp).to_sec()) > USABLE_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
         columns = [message.x, message.y, message.vx, message.vy]
         motions = np.column_stack(columns).astype(float)
         if frame.lstrip("/") != message.header.frame_id.lstrip("/"):
-            transform = self._transforms.latest(frame, message.header.frame_id, now, MAX_AGE_S)
+            transform = self._transforms.latest(frame, message.header.frame_id, now, USABLE_AGE_S)
             motions = transform_motions(pose_of(transform.transform), motions)
         return motions, message.header.stamp
 
@@ -219,7 +217,7 @@ class RobotInputs:
             self._current_goal = message.pose
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        goal_id = conversions.goal_in(message, _RUNNING)
+        goal_id = conversions.goal_in(message, PURSUED)
         with self._lock:
             self._status_time = rospy.Time.now()
             if goal_id not in (None, self._goal):

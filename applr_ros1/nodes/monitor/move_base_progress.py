@@ -13,9 +13,9 @@ from nav_msgs.msg import Path
 
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.nodes.conversions import goal_in, path_points
+from applr_ros1.senses.standing import STATUS_AGE_S
 from applr_ros1.stack.command_chain import Progress, across
 
-STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
 NEVER = rospy.Time(0)
 
 

@@ -44,6 +44,7 @@ from applr_ros1.nodes.base_commands import BaseCommands
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import HANDED_OVER, JUDGED_AGE_S
 from applr_ros1.stack.command_chain import CommandChain, StalledPlanner
 
 from .frame_broadcaster import FrameBroadcaster
@@ -53,14 +54,10 @@ from .reports import MonitorReports, topic_named
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
 REPORT_S = 1.0  # interval between diagnostics, in wall time [s]
-POSE_AGE_S = 0.3  # largest usable age of the base's pose in the odometry frame [s]
 ZEROS_S = 0.05  # interval between the node's own commands while none arrives, in wall time [s]
 RESTING_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
 STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
 ESCAPE = "escape"  # action reported while the node drives an escape motion
-# Speed and turn rate below which the base counts as at rest
-STANDS_M_S = 0.01
-STANDS_RAD_S = 0.02
 
 
 class CollisionMonitorNode:
@@ -201,7 +198,7 @@ class CollisionMonitorNode:
         timeout = self.monitor.settings.scan_timeout
         if self.sensors.odometry_trouble(self._clock.now, timeout):
             return False
-        return abs(v) < STANDS_M_S and abs(w) < STANDS_RAD_S
+        return HANDED_OVER.holds(v, w)
 
     def _braked(self) -> Twist:
         """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
@@ -292,7 +289,7 @@ class CollisionMonitorNode:
         creeps: whether the monitor may slow the command to a creep instead of blocking it.
         """
         now = rospy.get_rostime()
-        pose: Any = self.sensors.pose(now, POSE_AGE_S)
+        pose: Any = self.sensors.pose(now, JUDGED_AGE_S)
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:

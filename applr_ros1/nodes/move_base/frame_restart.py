@@ -9,10 +9,8 @@ import math
 from typing import NamedTuple, Optional
 
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
+from applr_ros1.senses.standing import SILENT_S
 
-# Shortest time without poses after which the monitor may be a new one [s]. roslaunch waits for 1 s
-# before it starts a node again.
-SILENT_S = 1.0
 # Largest change of the correction while a robot stands without poses
 SHIFT_M = 0.05
 TURN_RAD = 0.02

@@ -32,9 +32,9 @@ from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import SILENT_S
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
-SILENT_S = 1.0  # time without scans after which another laser of the topic is tracked [s]
 SHOWN_S = 0.3  # lifetime of the display's markers [s]
 HEIGHT_M = 0.3  # height of the arrows above the ground [m]
 COLOUR = ColorRGBA(0.85, 0.1, 0.7, 1.0)  # magenta, which no other display uses

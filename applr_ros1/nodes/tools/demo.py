@@ -52,6 +52,7 @@ from applr_ros1.nodes.move_base.reports import SKIPPED
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry
+from applr_ros1.senses.standing import UNDER_WAY
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from .bag_recorder import BagRecorder
@@ -70,7 +71,6 @@ from .send_goal import course_goal
 STATUS = "/move_base/status"
 VERDICTS = "/collision_monitor/action"  # latched; the first one comes when the monitor is ready
 MOVERS = "/applr/tracked"
-RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE)  # states of a goal that has not ended
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
 # Defaults of the arguments that the launch file does not have
 EXTRA = {"page": "applr_demo.html", "limit": "300"}
@@ -356,7 +356,7 @@ class Observer:
         reason = "goal reached" if end.status == REACHED else end.reason
         recorder.goals.append(Goal("demo", 0.0, seconds, end.status, reason))
         # A goal that move_base has ended cannot be cancelled: actionlib would log an error.
-        if self.client.get_state() in RUNNING:
+        if self.client.get_state() in UNDER_WAY:
             self.client.cancel_goal()
         drive = recorder.drive
         drive.goals[-1] = drive.goals[-1]._replace(reason=in_full(drive))
@@ -378,7 +378,7 @@ class Observer:
         """Return how the drive has ended, or None while it goes on."""
         goal_state = self.client.get_state()
         result = None
-        if goal_state not in RUNNING:
+        if goal_state not in UNDER_WAY:
             message = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
             result = PlannerResult(goal_state == GoalStatus.SUCCEEDED, message)
         end = self._destination.end(self._motion.pose, self._left_by_odometry(), result)

@@ -23,9 +23,9 @@ from applr_ros1.common.ros_node import command_topic, init_node
 from applr_ros1.nodes.base_commands import BaseCommands
 from applr_ros1.nodes.conversions import Reading, reading_of, twist
 from applr_ros1.robots import load
+from applr_ros1.senses.standing import SILENT_WHILE_BRAKING_S, STANDS
 
 RATE_HZ = 20.0  # rate of commands [Hz]
-SILENT_S = 0.5  # longest wall time without odometry while the base moves [s]
 START_S = 30.0  # longest wall time until odometry and base are connected [s]
 DRIVING_S = 1.2  # duration of each run before braking [s]
 BRAKING_S = 6.0  # longest time for a base to come to rest [s]
@@ -37,9 +37,6 @@ LEAST_WAY_M = 2.0  # smallest free distance ahead [m]
 ROOM_M = 0.5  # part of the free distance that is kept in reserve [m]
 # Time over which the speed before braking is averaged, and time without motion at rest [s]
 STANDING_S = 0.3
-# Speed and turn rate below which the base counts as at rest
-STILL_M_S = 0.02
-STILL_RAD_S = 0.05
 # Steps of the dead band's measurement, and their largest number
 STEP_M_S = 0.01
 STEP_RAD_S = 0.03
@@ -197,7 +194,7 @@ class MeasuredBase:
         end_time = rospy.get_time() + seconds
         while not until() and rospy.get_time() < end_time:
             silence = time.monotonic() - self._arrived
-            if silence > SILENT_S:
+            if silence > SILENT_WHILE_BRAKING_S:
                 self._commands.publish(TwistMessage())
                 raise ApplrError(f"stopped: no odometry for {silence:.1f} s")
             pose = self.readings[-1].pose
@@ -217,7 +214,7 @@ class MeasuredBase:
         """Return whether the base has stood still for STANDING_S seconds."""
         begin_time = self.readings[-1].time - STANDING_S
         recent_twists = [reading.twist for reading in self.readings if reading.time > begin_time]
-        return all(abs(v) < STILL_M_S and abs(w) < STILL_RAD_S for v, w in recent_twists)
+        return all(STANDS.holds(v, w) for v, w in recent_twists)
 
     def stop(self) -> None:
         """Brake until the base stands still."""

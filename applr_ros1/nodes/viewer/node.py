@@ -28,6 +28,7 @@ from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.nodes.sensors import RosClock
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import SILENT_ON_PAGE_S, STANDS, UNDER_WAY
 
 from . import admission, look, panel, scene
 from .listening import Listener, by_hand, publish
@@ -156,7 +157,7 @@ class Viewer:
         if odometry is not None:
             speed = odometry.twist.twist.linear.x
         goal_status = panel.goal_status(self.listener)
-        is_driving = goal_status is not None and goal_status.status in panel.UNDER_WAY
+        is_driving = goal_status is not None and goal_status.status in UNDER_WAY
         self.panel.update()
         self.scene.draw(is_driving)
         self.stop_card.draw()
@@ -168,14 +169,14 @@ class Viewer:
         """Update the lines above the tabs."""
         # Until everything has answered once, the clock of a simulator may not have started.
         silence = self.panel.silence()
-        if self._is_ready and self._clock.stands(panel.SILENT_S):
+        if self._is_ready and self._clock.stands(SILENT_ON_PAGE_S):
             silence.insert(0, "the clock has stopped")
         self._is_ready = self._is_ready or (self.scene.pose is not None and not silence)
         problems = silence
         if not silence and self.panel.trouble:
             problems = [self.panel.trouble]
 
-        if abs(speed) < panel.STANDING_M_S:
+        if abs(speed) < STANDS.v:
             speed = 0.0  # The noise of the odometry would make the line flicker.
         activity = f"{self.panel.doing(goal)}, {speed:.2f} m/s".replace("-", "−")
         notes = [f"parameters by {self.panel.source}"]

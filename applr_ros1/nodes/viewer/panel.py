@@ -11,7 +11,7 @@ from typing import Any, List, Optional
 
 import numpy as np
 import rospy
-from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
@@ -22,6 +22,7 @@ from applr_ros1.nodes.conversions import GOAL_STATES
 from applr_ros1.policy.methods import CONTEXTS, POLICY, SET, shipped
 from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import SILENT_ON_PAGE_S
 from applr_ros1.srv import SetMethod
 
 from .listening import ANSWER_S, Listener, Report, by_hand, call, publish, show
@@ -40,10 +41,6 @@ METHODS = {
 }
 # Files of methods, which a robot may lack
 FILES = {"applr": POLICY, "static": SET, "appld": CONTEXTS}
-UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
-# Time without a message after which a topic counts as silent, and the clock as stopped [s]
-SILENT_S = 3.0
-STANDING_M_S = 0.02  # speed below which the robot counts as at rest [m/s]
 
 
 def goal_status(listener: Listener) -> Any:
@@ -173,7 +170,7 @@ class Panel:
 
     def doing(self, goal: Any) -> str:
         """Return the state of move_base as text. goal: GoalStatus of the latest goal, or None."""
-        if self._listener.age(STATUS) > SILENT_S:
+        if self._listener.age(STATUS) > SILENT_ON_PAGE_S:
             return "move_base does not answer"
         if goal is None:
             return "waiting for a goal"
@@ -192,7 +189,7 @@ class Panel:
         sources = {"move_base": STATUS, "scan": topics.scan, "odometry": topics.odometry}
         lines = []
         for source_name, topic in sources.items():
-            if self._listener.age(topic) > SILENT_S:
+            if self._listener.age(topic) > SILENT_ON_PAGE_S:
                 lines.append(f"no {source_name}: nothing on {rospy.resolve_name(topic)}")
         if not self.method:
             lines.append("no applr node: parameters cannot be set")
