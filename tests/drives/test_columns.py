@@ -9,9 +9,7 @@ import pytest
 from applr_ros1.common.trees import merged
 from applr_ros1.drives.bag import rows_of
 from applr_ros1.drives.columns import (
-    ACTIVE,
     COLUMNS,
-    PREEMPTING,
     SECOND,
     SUCCEEDED,
     Sender,
@@ -20,6 +18,7 @@ from applr_ros1.drives.columns import (
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, DriveError, Rows
 from applr_ros1.drives.received import Received, drive_from
 from applr_ros1.robots import JACKAL
+from applr_ros1.senses.standing import ACTIVE, PREEMPTING
 from applr_ros1.why.black_box.stops import StopDetector
 from tests.support.drives import whole_drive
 from training.bags.maker import Maker

@@ -10,7 +10,7 @@ from typing import Any, Dict, Sequence, Tuple
 import numpy as np
 
 import worlds
-from applr_ros1.drives.columns import ACTIVE, PREEMPTED, Sender
+from applr_ros1.drives.columns import PREEMPTED, Sender
 from applr_ros1.drives.drive import (
     Changes,
     Commands,
@@ -32,6 +32,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.decision import Seen
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import ACTIVE
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from sim_bridge.kinematic_simulator import KinematicSimulator
