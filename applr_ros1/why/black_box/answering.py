@@ -237,12 +237,14 @@ def _replayed(
     event = _event_of(stop, begin, found_events)
     explained = explain_event(replay, event)
     answer = replace(_with_event(answer, event, begin), reproduced=replay.share)
+    if not event.is_outside:
+        answer = replace(answer, note=replay.doubt)
     yield answer
     if event.is_outside:
         return
     part = part_of_robot(replay)
     guesses = guesses_of(Diagnosis(replay, [event], [explained], part))
-    guess = best_guess(guesses, replay.top_speed)
+    guess = best_guess(guesses, replay)
     if guess is None:
         return
     yield replace(

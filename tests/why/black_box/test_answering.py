@@ -16,6 +16,8 @@ from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
 from applr_ros1.why.black_box.stops import SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
+from applr_ros1.why.replay import POOR
+from tests.support.drives import until
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.raw_messages import deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -115,6 +117,18 @@ def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
     _, answer = answers(tmp_path / "drive.bag", robot, without_plans)
     assert "no messages on /move_base/TrajectoryPlannerROS/global_plan" in answer.note
     assert answer.kind == "crept"
+
+
+@pytest.mark.heavy
+def test_a_replay_that_reproduces_little_is_called_so_and_gives_no_guess(spoilt, tmp_path):
+    # Given: a robot whose planner samples fewer speeds than its description says
+    _, drive = spoilt
+    *_, answer = answers(tmp_path / "drive.bag", JACKAL, until(drive, 4.0))
+    # Then: the threshold is the one of `why`, and no parameter is to be tried
+    assert answer.reproduced < POOR
+    assert answer.note.startswith("only ")
+    assert "of the planner's commands are reproduced, so its reasons are not to" in str(answer)
+    assert answer.parameter == ""
 
 
 @pytest.mark.heavy
