@@ -36,6 +36,8 @@ LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are
 FAST = 1.25
 # Reasons that are seen from outside the planner, causes before what follows from them.
 OUTSIDE = (silent, jumping, no_plan, silent_planner, held, stopped, unmoved, stuck, recovering)
+# Reason of a wait at the goal that no tolerance explains
+NOT_ENDED = "move_base does not end its goal, although the robot is within both tolerances"
 
 
 @dataclass
@@ -117,6 +119,8 @@ def give_outside_reason(event: Event, drive: Drive, period: float) -> None:
     """Set the reason of an event that is seen from outside the planner, if there is one."""
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
+    if not event.reason and event.is_arrived:
+        event.reason = NOT_ENDED
     event.is_outside = bool(event.reason)
     if not event.reason and event.kind != AT_GOAL:
         event.reason = late(stretch)

@@ -51,6 +51,7 @@ def limits_of(
         tolerance=_first(values, ("xy_goal_tolerance",), TOLERANCE_M),
         scale=robot.world_scale,
         end=drive.end,
+        yaw_tolerance=_first(values, ("yaw_goal_tolerance",), 0.0),
     )
 
 

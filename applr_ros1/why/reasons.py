@@ -67,7 +67,7 @@ def silent_planner(stretch: Stretch) -> str:
 
 
 def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
-    """Return the longest silence [s] of a source that overlaps a stretch, or 0.0."""
+    """Return the longest part [s] of a stretch in which a source is silent, or 0.0."""
     if rows is None or len(rows) < 2:
         return 0.0
     # A source that ends is silent until the end of the drive.
@@ -75,9 +75,9 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     gaps = np.diff(times)
     usual_gap = float(np.median(gaps))
     is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual_gap)
-    begins_in_time = times[:-1] < stretch.end
-    ends_in_time = times[1:] > stretch.begin - BEFORE_S
-    return float(gaps[is_long & begins_in_time & ends_in_time].max(initial=0.0))
+    # Between two goals, the planner is silent for as long as nobody wants anything.
+    overlaps = np.minimum(times[1:], stretch.end) - np.maximum(times[:-1], stretch.begin)
+    return float(overlaps[is_long].max(initial=0.0))
 
 
 def jumping(stretch: Stretch) -> str:

@@ -9,7 +9,7 @@ from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans, Verdic
 from applr_ros1.monitor.monitor import BRAKING, REVERSING
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import events, reasons
-from applr_ros1.why.diagnosis import give_outside_reason
+from applr_ros1.why.diagnosis import NOT_ENDED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.outside import control_period
 from applr_ros1.why.stretch import Stretch
@@ -29,6 +29,7 @@ def found(drive, tolerance=0.25, scale=1.0):
         tolerance=tolerance,
         scale=scale,
         end=drive.end,
+        yaw_tolerance=0.1,
     )
     return events.find(drive, drive.odometry, limits)
 
@@ -147,6 +148,28 @@ def test_short_stops_and_an_arrival_are_no_events():
     waits = drive_of(DRIVES + STANDS * 2, goal)
     assert kinds(arrives) == []
     assert kinds(waits) == [AT_GOAL]
+
+
+@pytest.mark.parametrize(
+    ("end_m", "yaw", "reason"),
+    [
+        (1.5, 0.0, NOT_ENDED),
+        (1.74, 0.09, NOT_ENDED),
+        (1.5, 2.0 * np.pi, NOT_ENDED),
+        (1.5, 0.11, ""),
+        (1.76, 0.0, ""),  # It is at the end of its plan, by the radius of a larger tolerance.
+    ],
+)
+def test_a_wait_within_both_tolerances_is_the_goals_and_not_the_tolerances(end_m, yaw, reason):
+    # Given: a robot that stands at x = 1.5 m, and a planner that publishes no poses at its goal
+    drive = drive_of(DRIVES + STANDS * 2, goal=(end_m, 0.0))
+    times = drive.plans.time
+    paths = [np.array([(end_m, 0.0, yaw)]), *[np.zeros((0, 3))] * (len(times) - 1)]
+    waits = replace(drive, plans=Plans(times, paths))
+    # Then
+    (event,) = found(waits, tolerance=0.25, scale=3.0)
+    give_outside_reason(event, waits, 0.05)
+    assert (event.kind, event.reason, event.is_outside) == (AT_GOAL, reason, bool(reason))
 
 
 def test_a_robot_that_circles_a_goal_beyond_its_tolerance_is_at_its_goal():
@@ -306,45 +329,48 @@ def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
     all_times = np.arange(0.0, 9.0, 0.1)
     assert silence(all_times) == ""
 
-    # The scans at 2.7 and 6.3 s are the last ones beside the stop.
+    # The scans at 2.7 and 5.8 s are the last ones beside the silence.
     is_early = all_times < 2.8
-    is_late = all_times > 6.2
-    assert silence(all_times[is_early | is_late]) == "there was no scan for 3.6 s"
+    is_late = all_times > 5.7
+    assert silence(all_times[is_early | is_late]) == "there was no scan for 2.8 s"
 
-    # A laser that fails for good leaves no scan after its gap: it lasts until the drive's end.
-    assert silence(all_times[is_early]) == "there was no scan for 6.2 s"
+    # A laser that fails for good leaves no scan after its gap.
+    assert silence(all_times[is_early]) == "there was no scan for 3.0 s"
 
 
 def test_silent_odometry_is_a_reason(stopped):
     odometry = stopped.odometry.part(slice(0, 56))
     # Its last message comes at 2.75 s, and commands go on until 8.95 s.
     drive = replace(stopped, odometry=odometry)
-    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 6.2 s"
+    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 3.0 s"
 
 
-def test_a_silence_counts_until_a_second_before_the_stop_and_beyond_the_usual_gaps(stopped):
-    def silence(times):
-        """Return the reason if scans come only at these times [s]."""
-        return reasons.silent(stretch_of(replace(stopped, scans=scans_of(times, times))))
+def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stopped):
+    def silences(first, last):
+        """Return the reasons if scans, or else commands, are silent from `first` to `last` [s]."""
+        times = stopped.planned.time
+        is_sent = (times <= first) | (times >= last)
+        scans = scans_of(times[is_sent], times[is_sent])
+        planned = stopped.planned.part(np.flatnonzero(is_sent))
+        return (
+            reasons.silent(stretch_of(replace(stopped, scans=scans))),
+            reasons.silent_planner(stretch_of(replace(stopped, planned=planned))),
+        )
 
-    all_times = np.arange(0.0, 9.0, 0.1)
-    # The stretch begins at 3 s. Both silences are longer than half of it.
-    until_half_a_second_before = (all_times > 0.25) & (all_times < 2.45)
-    assert silence(all_times[~until_half_a_second_before]) == "there was no scan for 2.3 s"
-    until_a_second_and_more_before = (all_times > 0.05) & (all_times < 1.75)
-    assert silence(all_times[~until_a_second_and_more_before]) == ""
+    # The stop lasts from 3 to 6 s: half of it is a reason, whatever was before.
+    assert silences(0.5, 4.4) == ("", "")
+    assert silences(0.5, 4.7) == (
+        "there was no scan for 1.7 s",
+        "move_base sent no command for 1.7 s",
+    )
+    assert silences(3.0, 9.0) == (
+        "there was no scan for 3.0 s",
+        "move_base sent no command for 3.0 s",
+    )
     # A laser that scans every two seconds is slow, not silent.
-    assert silence(np.arange(0.0, 9.0, 2.0)) == ""
-
-
-def test_a_planner_that_sends_nothing_is_silent(stopped):
-    planned = stopped.planned
-    is_sent = planned.time < 2.5
-    sent_commands = Commands(planned.time[is_sent], planned.twist[is_sent])
-    drive = replace(stopped, planned=sent_commands)
-    # The odometry goes on until 8.95 s.
-    assert reasons.silent_planner(stretch_of(drive)) == "move_base sent no command for 6.5 s"
-    assert reasons.silent_planner(stretch_of(stopped)) == ""
+    times = np.arange(0.0, 9.0, 2.0)
+    slow = replace(stopped, scans=scans_of(times, times))
+    assert reasons.silent(stretch_of(slow)) == ""
 
 
 def test_the_time_without_a_plan_is_a_reason(stopped):
@@ -419,7 +445,7 @@ def test_causes_come_before_what_follows_from_them(stopped):
         # Without a scan, or without a plan, the planner sends nothing.
         (
             {"scans": scans_of(early_times, early_times), "planned": early_commands},
-            "there was no scan for 6.5 s",
+            "there was no scan for 3.0 s",
         ),
         ({"routes": no_path, "planned": early_commands}, "the global planner finds no path"),
         # What the monitor stops does not reach the base.
