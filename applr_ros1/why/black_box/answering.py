@@ -18,7 +18,12 @@ from applr_ros1.why import events
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import best_guess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
+from applr_ros1.why.black_box.description import (
+    TOPIC,
+    DescribedRobot,
+    described_by,
+    nobody_publishes,
+)
 from applr_ros1.why.black_box.stops import SAVED, RobotStop
 from applr_ros1.why.diagnosis import Diagnosis, explain_event, give_outside_reason
 from applr_ros1.why.events import Event
@@ -114,10 +119,10 @@ def answers_of(
         y=stop.place[1],
         frame=drive.frame,
     )
+    silence = nobody_publishes(described_robot.unpublished)
     if drive.odometry is None:
-        yield replace(
-            first_answer, reason=f"there is no odometry on {described_robot.topics.odometry}"
-        )
+        no_odometry = f"there is no odometry on {described_robot.topics.odometry}"
+        yield replace(first_answer, reason=silence or no_odometry)
         return
     robot = described_robot.robot
     event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot).events)
@@ -126,6 +131,10 @@ def answers_of(
         return
     # A moment that is no event has no reason yet.
     give_outside_reason(event, drive, control_period(drive, robot))
+    # Whatever else stops a robot without its laser follows from that.
+    if silence:
+        event.reason = silence
+        event.is_outside = True
     # The place stays in the frame of the odometry, which may not be that of the replay.
     x, y = event.place
     outside_answer = replace(_with_event(first_answer, event, begin), x=x, y=y)
@@ -226,7 +235,8 @@ def _replayed(
     Raises:
         ApplrError: The drive cannot be replayed.
     """
-    robot, topics, _ = described_robot
+    robot = described_robot.robot
+    topics = described_robot.topics
     planner = RerunPlanner(robot)
     recording = recording_from(drive, topics, _types(messages), planner, robot)
     replay = replay_of(recording, planner)

@@ -31,7 +31,7 @@ def spoilt():
     return spoilt_drive()
 
 
-def answers(path, robot, drive, stop=None, described=None):
+def answers(path, robot, drive, stop=None, described=None, unpublished=()):
     """Return the answers to the stop of a drive.
 
     Args:
@@ -40,11 +40,13 @@ def answers(path, robot, drive, stop=None, described=None):
         drive: The drive.
         stop: The stop. Default: from 2 to 8 s.
         described: Robot that is described instead.
+        unpublished: Topics of its sensors that nobody publishes.
     """
     messages = raw_messages(path, drive, robot=robot)
     # The simulated drives count cells, as this package's stack does.
     described = described or driving(robot, counting_cells(robot.parameters()))
-    text = text_of(DescribedRobot(described, TopicNames.of(robot), True)).encode()
+    described_robot = DescribedRobot(described, TopicNames.of(robot), True, unpublished)
+    text = text_of(described_robot).encode()
     description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
     stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
     return list(answers_of([description, *messages], stop, deserialize))
@@ -105,10 +107,23 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
     assert silent_answer.reason.startswith("there was no scan for")
 
 
-def test_of_a_stop_without_odometry_its_topic_is_named(spoilt, tmp_path):
+@pytest.mark.parametrize(
+    ("missing", "unpublished", "reason"),
+    [
+        ("odometry", (), "there is no odometry on /odometry/filtered"),
+        ("odometry", ("/odometry/filtered",), "nobody publishes /odometry/filtered"),
+        ("scans", ("/front/scan",), "nobody publishes /front/scan"),
+    ],
+)
+def test_of_a_stop_without_a_sensor_its_topic_is_named(
+    missing, unpublished, reason, spoilt, tmp_path
+):
     robot, drive = spoilt
-    (answer,) = answers(tmp_path / "drive.bag", robot, replace(drive, odometry=None))
-    assert answer.reason == "there is no odometry on /odometry/filtered"
+    # The monitor holds a robot that sees nothing.
+    verdicts = Verdicts(np.array([0.0]), ["stop"], ["no scan"])
+    blind = replace(until(drive, 9.0), verdicts=verdicts, **{missing: None})
+    (answer,) = answers(tmp_path / "drive.bag", robot, blind, unpublished=unpublished)
+    assert answer.reason == reason
 
 
 def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
