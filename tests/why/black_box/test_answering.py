@@ -14,7 +14,7 @@ from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
-from applr_ros1.why.black_box.stops import SAVED, RobotStop
+from applr_ros1.why.black_box.stops import HELD, SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import POOR
 from tests.support.drives import until
@@ -85,8 +85,12 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
 
     verdicts = Verdicts(np.array([0.0, 1.0]), ["pass", "stop"], ["", "a wall"])
     held = replace(drive, verdicts=verdicts)
-    (answer,) = answers(tmp_path / "held.bag", robot, held)
+    stop = RobotStop(HELD, BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
+    (answer,) = answers(tmp_path / "held.bag", robot, held, stop)
     assert answer.reason == "the collision monitor intervenes 92 % of the time: a wall"
+    # What was said when the stop was found is corrected.
+    first_words = f"the robot, which {HELD} at first, crept for 12 s at "
+    assert str(answer).startswith(first_words)
 
 
 @pytest.mark.heavy
