@@ -44,6 +44,7 @@ SAME_SCAN_M = 0.03
 # The pose jumps if it moves or turns by this much beyond the measured speed [m, rad].
 JUMP_M = 0.3
 JUMP_TURN = 0.5
+NO_PATH = "the global planner finds no path"
 LATE = 2.0  # ratio of the interval between commands to the control period that is late
 
 
@@ -117,7 +118,7 @@ def no_plan(stretch: Stretch) -> str:
     time_without_plan = float(np.maximum(overlaps, 0.0)[is_missing].sum())
     if not stretch.is_reason(time_without_plan):
         return ""
-    return "the global planner finds no path"
+    return NO_PATH
 
 
 def recovering(stretch: Stretch) -> str:

@@ -5,13 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans, Verdicts
+from applr_ros1.drives.drive import (
+    Commands,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    SentGoal,
+    Transforms,
+    Verdicts,
+)
 from applr_ros1.monitor.monitor import BRAKING, REVERSING
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import events, reasons
-from applr_ros1.why.diagnosis import NOT_ENDED, give_outside_reason
+from applr_ros1.why.diagnosis import NOT_ENDED, OCCUPIED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.outside import control_period
+from applr_ros1.why.reasons import NO_PATH
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -168,7 +178,7 @@ def test_a_wait_within_both_tolerances_is_the_goals_and_not_the_tolerances(end_m
     waits = replace(drive, plans=Plans(times, paths))
     # Then
     (event,) = found(waits, tolerance=0.25, scale=3.0)
-    give_outside_reason(event, waits, 0.05)
+    give_outside_reason(event, waits, JACKAL, 0.05)
     assert (event.kind, event.reason, event.is_outside) == (AT_GOAL, reason, bool(reason))
 
 
@@ -376,16 +386,61 @@ def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stoppe
 def test_the_time_without_a_plan_is_a_reason(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
-    no_path = "the global planner finds no path"
     for times, paths, reason in (
         ([0.0], [path], ""),  # One plan serves the whole drive.
-        ([0.0, 3.2], [path, empty], no_path),
+        ([0.0, 3.2], [path, empty], NO_PATH),
         ([0.0, 3.2, 4.0], [path, empty, path], ""),  # 0.8 s are less than half of the stretch.
-        ([8.0], [path], no_path),  # The first plan comes after the stretch.
+        ([8.0], [path], NO_PATH),  # The first plan comes after the stretch.
     ):
         routes = Plans(np.array(times), paths)
         drive = replace(stopped, routes=routes)
         assert reasons.no_plan(stretch_of(drive)) == reason, times
+
+
+@pytest.mark.parametrize(
+    ("goal", "metres", "scale", "is_occupied"),
+    [
+        ((5.0, 1.0), 2.0, 1.0, True),  # It lies on the surface that the laser sees.
+        ((5.0, 1.0), 1.55, 1.0, True),  # It lies inside of an obstacle,
+        ((5.0, 1.0), 1.45, 1.0, False),  # or behind another one.
+        ((5.0, 1.0), 2.1, 1.0, True),  # The robot's centre does not come so near to it,
+        ((5.0, 1.0), 2.2, 1.0, False),
+        ((5.0, 1.0), 2.2, 2.0, True),  # that of a larger robot.
+        ((5.0, 1.0), np.inf, 1.0, False),
+        ((1.0, 1.0), 2.0, 1.0, False),  # It lies behind the laser's fan.
+    ],
+)
+def test_a_goal_in_an_obstacle_is_said_if_there_is_no_path(
+    stopped, goal, metres, scale, is_occupied
+):
+    # Given: a laser at (3, 1) m in the map with beams ahead and 1 rad to both sides
+    times = np.arange(0.0, 9.0, 0.1)
+    rows = 2
+    place = np.array([[3.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    drive = replace(
+        stopped,
+        routes=Plans(np.array([0.0]), [np.zeros((0, 3))]),
+        scans=scans_of(times, [metres] * len(times)),
+        frames={"scans": ["laser"]},
+        transforms=Transforms(
+            np.zeros(rows),
+            np.zeros(rows),
+            ["map", "odom"],
+            ["odom", "laser"],
+            np.concatenate([place, [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]]),
+            [True] * rows,
+        ),
+        # The latest goal counts.
+        sent=[SentGoal(0.0, (9.0, 1.0, 0.0), "map"), SentGoal(1.0, (*goal, 0.0), "map")],
+    )
+    event = Event("stood", 3.0, 6.0, (0.0, 0.0))
+    # When
+    give_outside_reason(event, drive, replace(JACKAL, world_scale=scale), 0.05)
+    # Then
+    assert event.reason == NO_PATH + (OCCUPIED if is_occupied else "")
+    # Without tf, nobody knows where the laser sees the goal.
+    give_outside_reason(event, replace(drive, transforms=None), JACKAL, 0.05)
+    assert event.reason == NO_PATH
 
 
 def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
@@ -429,7 +484,7 @@ def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
     drive = replace(stopped, odometry=replace(odometry, pose=poses), routes=no_path)
     event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-    give_outside_reason(event, drive, 0.05)
+    give_outside_reason(event, drive, JACKAL, 0.05)
     assert event.reason == "the pose jumped by 0.8 m"
     assert event.is_outside
 
@@ -455,7 +510,7 @@ def test_causes_come_before_what_follows_from_them(stopped):
         ),
     ):
         event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-        give_outside_reason(event, replace(stopped, **columns), 0.05)
+        give_outside_reason(event, replace(stopped, **columns), JACKAL, 0.05)
         assert event.reason == reason
 
 
@@ -675,7 +730,7 @@ def test_late_commands_are_no_reason_for_a_wait_at_the_goal(stopped):
     creeps = Event("crept", 6.0, 9.0, (3.0, 0.0))
     waits = Event(AT_GOAL, 6.0, 9.0, (3.0, 0.0))
     for event in (creeps, waits):
-        give_outside_reason(event, late, 0.05)
+        give_outside_reason(event, late, JACKAL, 0.05)
         # The planner itself is late.
         assert not event.is_outside
     assert creeps.reason == "commands came every 0.20 s instead of every 0.05 s"

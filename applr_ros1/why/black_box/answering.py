@@ -134,7 +134,7 @@ def answers_of(
         yield replace(first_answer, note=NO_STOP)
         return
     # A moment that is no event has no reason yet.
-    give_outside_reason(event, drive, control_period(drive, robot))
+    give_outside_reason(event, drive, robot, control_period(drive, robot))
     # Whatever else stops a robot without its laser follows from that.
     if silence:
         event.reason = silence
