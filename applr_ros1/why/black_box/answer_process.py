@@ -19,7 +19,7 @@ from applr_ros1.why.black_box.stops import RobotStop
 
 NICE = "10"  # priority of the process, far behind the control loop
 LONGEST_S = 60.0  # time after which a process that has not ended is killed [s]
-PATIENCE_S = 8.0  # time after which the first answer is given, if the last one is not there [s]
+PATIENCE_S = 6.0  # time after which the first answer is given, if the last one is not there [s]
 ENDS_S = 1.0  # longest time to wait for the last line of a process that has ended [s]
 
 
