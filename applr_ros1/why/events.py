@@ -131,9 +131,9 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
     """
     # A robot circles a goal whose tolerance it cannot meet.
     goal_radius = max(limits.tolerance, GOAL_M * limits.scale)
-    goal_offsets = offsets_from_goal(drive, odometry)
-    at_goal = goal_offsets[:, 0] <= goal_radius
-    has_arrived = (goal_offsets <= (limits.tolerance, limits.yaw_tolerance)).all(axis=1)
+    goal_distance, goal_angle = offsets_from_goal(drive, odometry).T
+    at_goal = goal_distance <= goal_radius
+    has_arrived = (goal_distance <= limits.tolerance) & (goal_angle <= limits.yaw_tolerance)
     is_pursued = pursued(drive, odometry)
     is_under_way = is_pursued & ~at_goal
 

@@ -108,6 +108,21 @@ def master(monkeypatch):
     return master
 
 
+@pytest.fixture
+def parameters(monkeypatch):
+    """Return the parameters of the move_base, which names its robot."""
+    parameters = {"robot": "jackal"}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
+    return parameters
+
+
+@pytest.fixture
+def node(master, parameters, tmp_path):
+    """Return a node without a description of its own."""
+    names, given = names_of({}, JACKAL)
+    return BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
+
+
 def status_after_a_look(node, monkeypatch):
     """Let a node look for topics and stops once; return its status and its values by name."""
     monkeypatch.setattr(rospy, "is_shutdown", MagicMock(side_effect=[False, True]))
@@ -117,12 +132,9 @@ def status_after_a_look(node, monkeypatch):
     return status.message, {value.key: value.value for value in status.values}
 
 
-def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch, tmp_path):
+def test_parameters_of_another_node_are_a_problem_and_no_end(node, parameters, monkeypatch):
     """The launch file would start the node again and again."""
-    parameters = {"robot": "nobody"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
-    names, given = names_of({}, JACKAL)
-    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
+    parameters["robot"] = "nobody"
 
     text, values = status_after_a_look(node, monkeypatch)
     assert text.startswith("/move_base: robot nobody: give ")
@@ -133,12 +145,8 @@ def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch
     assert values["stops"] == "0"
 
 
-def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(
-    master, monkeypatch, tmp_path
-):
+def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(node, master, monkeypatch):
     # Given: costmaps that read /laser/scan, of which nothing comes, and the raw scans of its driver
-    parameters = {"robot": "jackal"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
     monkeypatch.setattr(rospy, "loginfo", MagicMock())
     published = master.getPublishedTopics.return_value
     published.append(["/front/scan", "sensor_msgs/LaserScan"])
@@ -151,8 +159,6 @@ def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(
     box.look.return_value.answer = None
     begin = MagicMock(return_value=box)
     monkeypatch.setattr(node_module, "BlackBox", begin)
-    names, given = names_of({}, JACKAL)
-    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
     # When
     for _ in range(2):
         text, _ = status_after_a_look(node, monkeypatch)
@@ -172,11 +178,9 @@ def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(
     assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ())
 
 
-def test_without_a_move_base_the_screen_says_so_once(master, monkeypatch, tmp_path):
+def test_without_a_move_base_the_screen_says_so_once(node, master, monkeypatch):
     master.getSystemState.return_value = [[], [], []]
     monkeypatch.setattr(rospy, "loginfo", MagicMock())
-    names, given = names_of({}, JACKAL)
-    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
     for _ in range(2):
         status_after_a_look(node, monkeypatch)
     ((template, line),) = [call.args for call in rospy.loginfo.call_args_list]
@@ -205,16 +209,12 @@ def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(words, is_refus
 
 
 def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(
-    master, monkeypatch, tmp_path
+    node, master, parameters, monkeypatch
 ):
-    parameters = {"robot": "jackal"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
     described = []
     box = MagicMock(describe=lambda driven: described.append(driven.robot.local_planner))
     box.look.return_value.answer = None
     monkeypatch.setattr(node_module, "BlackBox", lambda driven, *_: box)
-    names, given = names_of({}, JACKAL)
-    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
 
     for address in ("http://robot:1", "http://robot:1", "http://robot:2"):
         master.lookupNode.return_value = address

@@ -121,8 +121,8 @@ def job_of(stop: RobotStop, messages: Sequence[RawMessage]) -> bytes:
 
 def stop_of(line: bytes) -> RobotStop:
     """Return the stop in the first line of a job."""
-    kind, begin, end, (x, y), count = json.loads(line)
-    return RobotStop(kind, begin, end, (x, y), count)
+    kind, begin, end, (x, y), number = json.loads(line)
+    return RobotStop(kind, begin, end, (x, y), number)
 
 
 def _send(

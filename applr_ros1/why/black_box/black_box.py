@@ -165,8 +165,8 @@ class BlackBox:
             new_bags = self._asked
             self._asked = []
             stop = self._detector.stop(now)
-            if stop is not None and stop.count > 1:
-                again = f"again, as at {self._clock_time} ({stop.count} times)"
+            if stop is not None and stop.number > 1:
+                again = f"again, as at {self._clock_time} ({stop.number} times)"
                 output.lines.append(f"{_in_words(stop)} {again}")
             elif stop is not None:
                 bag = PendingBag(stop, self._moment())

@@ -44,14 +44,14 @@ class RobotStop(NamedTuple):
         begin: Begin [s].
         end: Time until which it has lasted when it was found [s].
         place: Position (x, y) [m] in the odometry frame.
-        count: Number of stops so far at this place; 1 for one that is to be answered.
+        number: How many stops there were at this place so far; 1 for one that is to be answered.
     """
 
     kind: str
     begin: float
     end: float
     place: Tuple[float, float]
-    count: int = 1
+    number: int = 1
 
 
 class StopDetector:
@@ -117,20 +117,20 @@ class StopDetector:
         """Return the stop that began a while before `now` [s], or None. Each is returned once."""
         found_stop = None
         for stop in self._stops(now):
-            count = self._count_of(stop)
-            if count and found_stop is not None:
+            number = self._number_of(stop)
+            if number and found_stop is not None:
                 continue  # It is found at the next look.
-            if count:
-                found_stop = stop._replace(count=count)
+            if number:
+                found_stop = stop._replace(number=number)
             self._known_until = max(self._known_until, stop.end + PAUSE_S)
         if found_stop is not None:
             self._counted_until = found_stop.end
-            self._count = found_stop.count
-            if found_stop.count == 1:
+            self._count = found_stop.number
+            if found_stop.number == 1:
                 self._last_stop = found_stop
         return found_stop
 
-    def _count_of(self, stop: RobotStop) -> int:
+    def _number_of(self, stop: RobotStop) -> int:
         """Return the number of a stop at its place; 0 if it was found before."""
         last_stop = self._last_stop
         if last_stop is None:

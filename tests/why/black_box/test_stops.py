@@ -86,7 +86,7 @@ def stop_count(messages):
 
     Each look takes milliseconds.
     """
-    return [stop.count for _, stop in stops_of(messages, interval=2.0)].count(1)
+    return [stop.number for _, stop in stops_of(messages, interval=2.0)].count(1)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_stops_at_one_place_within_two_minutes_are_counted():
     def counts(*twists, **options):
         """Return the numbers of the stops at their places."""
         drive = drive_of(sum(twists, DRIVES))
-        return [stop.count for _, stop in stops_of(messages_of(drive, **options), interval=1.0)]
+        return [stop.number for _, stop in stops_of(messages_of(drive, **options), interval=1.0)]
 
     # A circle of 15.7 s leads back to the place of the stop.
     round_trip = [(0.5, 0.4)] * 314
