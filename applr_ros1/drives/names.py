@@ -152,8 +152,5 @@ def unpublished(
         names: Names of the topics.
         published: Topics that somebody publishes.
     """
-    topics = []
-    for topic in (names.scan, names.odometry):
-        if topic in move_base.subscribed and topic not in published:
-            topics.append(topic)
-    return tuple(topics)
+    silent_topics = move_base.subscribed.difference(published)
+    return tuple(topic for topic in (names.scan, names.odometry) if topic in silent_topics)

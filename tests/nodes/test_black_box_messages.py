@@ -31,6 +31,7 @@ from tests.support.replays import PLANNER, spoilt_drive
 
 ANSWER = StopAnswer(
     kind="stood",
+    first_kind="stood",
     begin=1_700_000_000.5,
     end=1_700_000_006.5,
     x=1.5,

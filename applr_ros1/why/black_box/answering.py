@@ -49,12 +49,12 @@ class StopAnswer:
 
     Attributes:
         kind: What happened, in words.
+        first_kind: What was said when the stop was found.
         begin: Begin [s, by the robot's clock].
         end: Time until which it had lasted [s, by the robot's clock].
         x: Place of the robot [m].
         y: Place of the robot [m].
         frame: Frame of the place.
-        first_kind: What was said when the stop was found, if it is another kind; else "".
         reason: Why, in words; "" if it is not known.
         parameter: Parameter of the planner's guess, as SERVER/NAME; "" without one.
         before: Its value.
@@ -64,12 +64,12 @@ class StopAnswer:
     """
 
     kind: str
+    first_kind: str
     begin: float
     end: float
     x: float
     y: float
     frame: str
-    first_kind: str = ""
     reason: str = ""
     parameter: str = ""
     before: float = 0.0
@@ -80,7 +80,8 @@ class StopAnswer:
     def __str__(self) -> str:
         seconds = self.end - self.begin
         sentence = f"the robot {self.kind}"
-        if self.first_kind:
+        # Somebody who asks to save has said nothing of the robot.
+        if self.first_kind not in (SAVED, self.kind):
             sentence = f"the robot, which {self.first_kind} at first, {self.kind}"
         if seconds > 0.0:
             sentence += f" for {seconds:.0f} s"
@@ -117,6 +118,7 @@ def answers_of(
     begin = messages[0].time / SECOND
     first_answer = StopAnswer(
         kind=stop.kind,
+        first_kind=stop.kind,
         begin=stop.begin,
         end=stop.end,
         x=stop.place[0],
@@ -141,7 +143,7 @@ def answers_of(
         event.is_outside = True
     # The place stays in the frame of the odometry, which may not be that of the replay.
     x, y = event.place
-    outside_answer = replace(_with_event(first_answer, stop, event, begin), x=x, y=y)
+    outside_answer = replace(_with_event(first_answer, event, begin), x=x, y=y)
     if is_other_planner(drive, robot):
         yield replace(outside_answer, note=OTHER_PLANNER)
         return
@@ -216,14 +218,10 @@ def _event_of(stop: RobotStop, begin: float, found_events: List[Event]) -> Event
     return Event(stop.kind, stop_begin - events.AROUND_S, stop_end, stop.place)
 
 
-def _with_event(answer: StopAnswer, stop: RobotStop, event: Event, begin: float) -> StopAnswer:
+def _with_event(answer: StopAnswer, event: Event, begin: float) -> StopAnswer:
     """Return an answer with what is known of the event."""
-    first_kind = stop.kind
-    if stop.kind in (SAVED, event.kind):
-        first_kind = ""
     return replace(
         answer,
-        first_kind=first_kind,
         kind=event.kind,
         begin=begin + event.begin,
         end=begin + event.end,
@@ -254,7 +252,7 @@ def _replayed(
     found_events = events.find(replay.drive, recording.odometry, replay.limits)
     event = _event_of(stop, begin, found_events)
     explained = explain_event(replay, event)
-    answer = replace(_with_event(answer, stop, event, begin), reproduced=replay.share)
+    answer = replace(_with_event(answer, event, begin), reproduced=replay.share)
     if not event.is_outside:
         answer = replace(answer, note=replay.doubt)
     yield answer
