@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, List, Optional, Sequence
+from typing import Any, Collection, List, Optional, Sequence
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError, shown
@@ -18,6 +18,18 @@ def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
     if arguments is None:
         arguments = sys.argv[1:]
     return [argument for argument in arguments if ":=" not in argument]
+
+
+def check_names(words: Sequence[str], known: Collection[str]) -> None:
+    """Raise ApplrError unless all words are ARG:=VALUE with a known name, or ROS's own.
+
+    Names of ROS's own arguments begin with an underscore.
+    """
+    for word in words:
+        name, separator, _ = word.partition(":=")
+        if not separator or not (name in known or name.startswith("_")):
+            advice = f"give ARG:=VALUE with one of {', '.join(known)}"
+            raise ApplrError(f"{word} is not an argument: {advice}")
 
 
 def number_within(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Collection, List, Mapping, NamedTuple, Set
+from typing import Collection, List, Mapping, NamedTuple, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import COLUMNS, TopicNames, topic_of
@@ -122,7 +122,8 @@ def names_beside(
 
     Args:
         move_base: Topics of the node move_base.
-        types: {topic: type} of the running system.
+        types: {topic: type} of the running system, with the topics that nobody publishes: a laser
+            that is silent is no reason to take another one.
         names: Names so far.
         given: Fields of `names` that were given; they are not replaced.
     """
@@ -139,3 +140,17 @@ def names_beside(
     for field_name in given:
         found_names.pop(field_name, None)
     return replace(names, **found_names)
+
+
+def unpublished(
+    move_base: Connections, names: TopicNames, published: Collection[str]
+) -> Tuple[str, ...]:
+    """Return the topics of laser and odometry that move_base reads and nobody publishes.
+
+    Args:
+        move_base: Topics of the node move_base.
+        names: Names of the topics.
+        published: Topics that somebody publishes.
+    """
+    silent_topics = move_base.subscribed.difference(published)
+    return tuple(topic for topic in (names.scan, names.odometry) if topic in silent_topics)

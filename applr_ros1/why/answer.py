@@ -87,22 +87,21 @@ def sentence(event: Event) -> str:
     return f"{event}, because {event.reason}."
 
 
-def best_guess(guesses: Sequence[Alternative], top_speed: float) -> Optional[Alternative]:
-    """Return the first of the guesses, or None if it gains too little of the top speed [m/s]."""
-    if not guesses or guesses[0].gain < GUESS_SHARE * top_speed:
+def best_guess(guesses: Sequence[Alternative], replay: Replay) -> Optional[Alternative]:
+    """Return the first of the guesses of a replay.
+
+    None if it gains too little of the top speed, or if the replay is not to be trusted.
+    """
+    if not guesses or replay.is_poor or guesses[0].gain < GUESS_SHARE * replay.top_speed:
         return None
     return guesses[0]
 
 
 def certainty_of(replay: Replay) -> str:
     """Return how far the replay agrees with the recorded drive."""
-    certainty = str(replay)
-    if replay.is_poor:
-        certainty += (
-            "; few, so the planner's reasons are not to be trusted: "
-            "parameters of the folder differ, or topics or scans are missing"
-        )
-    return certainty
+    if not replay.doubt:
+        return str(replay)
+    return f"{replay}; {replay.doubt}"
 
 
 def indented(items: Iterable[Any]) -> List[str]:

@@ -8,11 +8,14 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.drives.drive import Drive
+from applr_ros1.robots import Robot
 from applr_ros1.why import events
-from applr_ros1.why.events import AT_GOAL, DriveLimits, Event
+from applr_ros1.why.events import AT_GOAL, Event
 from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_robot
+from applr_ros1.why.occupied_goal import is_goal_occupied
 from applr_ros1.why.reasons import (
+    NO_PATH,
     held,
     jumping,
     late,
@@ -36,6 +39,9 @@ LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are
 FAST = 1.25
 # Reasons that are seen from outside the planner, causes before what follows from them.
 OUTSIDE = (silent, jumping, no_plan, silent_planner, held, stopped, unmoved, stuck, recovering)
+OCCUPIED = ": the goal is occupied, or right behind an obstacle"
+# Reason of a wait at the goal that no tolerance explains
+NOT_ENDED = "move_base does not end its goal, although the robot is within both tolerances"
 
 
 @dataclass
@@ -94,29 +100,23 @@ class Diagnosis:
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
-def outside_events(
-    drive: Drive, odometry: Motion, limits: DriveLimits, period: float
-) -> List[Event]:
-    """Return the events of a drive with the reasons that are seen from outside the planner.
+def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float) -> None:
+    """Set the reason of an event that is seen from outside the planner, if there is one.
 
-    They need no replay, so that they are known for every local planner.
+    It needs no replay, so that it is known for every local planner.
 
     Args:
-        drive: The drive.
-        odometry: Motion in which events are seen.
-        limits: What it is measured by.
+        event: The event.
+        drive: Its drive.
+        robot: Robot that drove.
         period: Control period of the planner [s]; 0 if it is unknown.
     """
-    found_events = events.find(drive, odometry, limits)
-    for event in found_events:
-        give_outside_reason(event, drive, period)
-    return found_events
-
-
-def give_outside_reason(event: Event, drive: Drive, period: float) -> None:
-    """Set the reason of an event that is seen from outside the planner, if there is one."""
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
+    if event.reason == NO_PATH and is_goal_occupied(stretch, robot):
+        event.reason += OCCUPIED
+    if not event.reason and event.is_arrived:
+        event.reason = NOT_ENDED
     event.is_outside = bool(event.reason)
     if not event.reason and event.kind != AT_GOAL:
         event.reason = late(stretch)
@@ -150,7 +150,7 @@ def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
 def explain_event(replay: Replay, event: Event) -> List[Explanation]:
     """Set the reason of an event of a replayed drive, and return explanations of its cycles."""
     explained = _explanations(replay, event)
-    give_outside_reason(event, replay.drive, replay.planner.period)
+    give_outside_reason(event, replay.drive, replay.robot, replay.planner.period)
     if event.is_outside or not explained:
         return explained
     middle_explanation = middle_of(explained)

@@ -6,15 +6,17 @@ afterwards (reasons.py, diagnosis.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.senses.standing import SILENT_S, STOOD
+from applr_ros1.why.recording import plan_ends
 from applr_ros1.why.stretch import SLOW
 
 CREEPS = 0.25  # share of the top speed below which a robot creeps
@@ -51,6 +53,8 @@ class DriveLimits(NamedTuple):
         tolerance: Distance from the goal at which the robot has arrived [m].
         scale: Size of the robot relative to the Jackal's.
         end: Time of the drive's last message [s].
+        yaw_tolerance: Angle from the goal's heading within which it has arrived [rad]; 0 if it is
+            unknown.
     """
 
     speed: np.ndarray
@@ -58,6 +62,7 @@ class DriveLimits(NamedTuple):
     tolerance: float
     scale: float
     end: float
+    yaw_tolerance: float = 0.0
 
 
 @dataclass
@@ -72,6 +77,7 @@ class Event:
         reason: Why, in words; "" if it is not known yet.
         is_outside: Whether the reason lies outside the local planner, which could do nothing.
         is_asked: Whether it is the time around a moment that somebody asks about.
+        is_arrived: Whether the robot was within both tolerances of its goal for half of it.
     """
 
     kind: str
@@ -81,6 +87,7 @@ class Event:
     reason: str = ""
     is_outside: bool = False
     is_asked: bool = False
+    is_arrived: bool = False
 
     @property
     def seconds(self) -> float:
@@ -125,7 +132,9 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
     """
     # A robot circles a goal whose tolerance it cannot meet.
     goal_radius = max(limits.tolerance, GOAL_M * limits.scale)
-    at_goal = distances_to_goal(drive, odometry) <= goal_radius
+    goal_distance, goal_angle = offsets_from_goal(drive, odometry).T
+    at_goal = goal_distance <= goal_radius
+    has_arrived = (goal_distance <= limits.tolerance) & (goal_angle <= limits.yaw_tolerance)
     is_pursued = pursued(drive, odometry)
     is_under_way = is_pursued & ~at_goal
 
@@ -144,6 +153,7 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
     # At the goal the robot may stop and turn, if it does not take long.
     for event_rows in _runs(odometry.time, at_goal & is_pursued):
         event = _event(AT_GOAL, odometry, event_rows)
+        event.is_arrived = bool(has_arrived[event_rows].mean() > 0.5)
         if event.seconds >= AT_GOAL_S:
             found_events.append(event)
 
@@ -270,18 +280,22 @@ def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
     return is_pursued
 
 
-def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
-    """Return distances (n,) [m] of the odometry poses from the end of the plan; inf without one."""
-    to_goal = np.full(len(odometry), np.inf)
+def offsets_from_goal(drive: Drive, odometry: Motion) -> np.ndarray:
+    """Return distance [m] and angle [rad] (n, 2) of each odometry pose from the end of the plan.
+
+    They are inf before the first plan. At the goal, DWAPlannerROS publishes plans without poses.
+    """
+    offsets = np.full((len(odometry), 2), np.inf)
     if drive.plans is None:
-        return to_goal
-    plan_rows = np.searchsorted(drive.plans.time, odometry.time, side="right") - 1
-    for row, plan_row in enumerate(plan_rows.tolist()):
-        plan = drive.plans.path[plan_row]
-        if plan_row >= 0 and len(plan):
-            dx, dy = plan[-1, :2] - odometry.pose[row, :2]
-            to_goal[row] = np.hypot(dx, dy)
-    return to_goal
+        return offsets
+    plan_times, goal_poses = plan_ends(drive.plans)
+    plan_rows = np.searchsorted(plan_times, odometry.time, side="right") - 1
+    has_plan = plan_rows >= 0
+    if has_plan.any():
+        to_goal = np.array(goal_poses)[plan_rows[has_plan]] - odometry.pose[has_plan]
+        offsets[has_plan, 0] = np.hypot(to_goal[:, 0], to_goal[:, 1])
+        offsets[has_plan, 1] = np.abs(normalize_angle_modulo(to_goal[:, 2]))
+    return offsets
 
 
 def _unheard(odometry: Motion, is_pursued: np.ndarray, drive_end: float) -> List[Event]:
@@ -332,7 +346,7 @@ def _traps(events: List[Event], reach: float) -> Iterator[Event]:
         longest_event = max(events_of_trap, key=lambda event: event.seconds)
         # Events may overlap, so that the last one to begin need not be the last one to end.
         end_time = max(event.end for event in events_of_trap)
-        yield Event(longest_event.kind, events_of_trap[0].begin, end_time, longest_event.place)
+        yield replace(longest_event, begin=events_of_trap[0].begin, end=end_time)
 
 
 def _is_same_place(first: Event, second: Event, reach: float) -> bool:

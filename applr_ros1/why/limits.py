@@ -37,9 +37,9 @@ def limits_of(
     if planner == robot.local_planner:
         values.update(values_at_start)
     fastest_speed = float(np.abs(odometry.twist[:, 0]).max(initial=0.0))
-    speed = np.full(len(odometry), _first(values, SPEEDS, fastest_speed))
-    turn = np.full(len(odometry), _first(values, TURNS, USUAL_TURN))
-    for change_time, server, changed_values in changes_of(drive, robot):
+    speed = np.empty(len(odometry))
+    turn = np.empty(len(odometry))
+    for change_time, server, changed_values in [(-np.inf, planner, {}), *changes_of(drive, robot)]:
         if server == planner:
             values.update(changed_values)
             is_later = odometry.time >= change_time
@@ -51,6 +51,7 @@ def limits_of(
         tolerance=_first(values, ("xy_goal_tolerance",), TOLERANCE_M),
         scale=robot.world_scale,
         end=drive.end,
+        yaw_tolerance=_first(values, ("yaw_goal_tolerance",), 0.0),
     )
 
 

@@ -8,7 +8,8 @@ from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.robots import Robot
-from applr_ros1.why.diagnosis import outside_events
+from applr_ros1.why import events
+from applr_ros1.why.diagnosis import give_outside_reason
 from applr_ros1.why.events import DriveLimits, Event
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
@@ -54,5 +55,7 @@ def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> OutsideVi
     """
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
-    found_events = outside_events(drive, motion, limits, control_period(drive, robot))
+    found_events = events.find(drive, motion, limits)
+    for event in found_events:
+        give_outside_reason(event, drive, robot, control_period(drive, robot))
     return OutsideView(motion, limits, found_events)

@@ -42,6 +42,7 @@ SAME_SCAN_M = 0.03
 # The pose jumps if it moves or turns by this much beyond the measured speed [m, rad].
 JUMP_M = 0.3
 JUMP_TURN = 0.5
+NO_PATH = "the global planner finds no path"
 LATE = 2.0  # ratio of the interval between commands to the control period that is late
 
 
@@ -65,7 +66,7 @@ def silent_planner(stretch: Stretch) -> str:
 
 
 def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
-    """Return the longest silence [s] of a source that overlaps a stretch, or 0.0."""
+    """Return the longest part [s] of a stretch in which a source is silent, or 0.0."""
     if rows is None or len(rows) < 2:
         return 0.0
     # A source that ends is silent until the end of the drive.
@@ -73,9 +74,9 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     gaps = np.diff(times)
     usual_gap = float(np.median(gaps))
     is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual_gap)
-    begins_in_time = times[:-1] < stretch.end
-    ends_in_time = times[1:] > stretch.begin - BEFORE_S
-    return float(gaps[is_long & begins_in_time & ends_in_time].max(initial=0.0))
+    # Between two goals, the planner is silent for as long as nobody wants anything.
+    overlaps = np.minimum(times[1:], stretch.end) - np.maximum(times[:-1], stretch.begin)
+    return float(overlaps[is_long].max(initial=0.0))
 
 
 def jumping(stretch: Stretch) -> str:
@@ -115,7 +116,7 @@ def no_plan(stretch: Stretch) -> str:
     time_without_plan = float(np.maximum(overlaps, 0.0)[is_missing].sum())
     if not stretch.is_reason(time_without_plan):
         return ""
-    return "the global planner finds no path"
+    return NO_PATH
 
 
 def recovering(stretch: Stretch) -> str:

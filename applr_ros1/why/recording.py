@@ -127,24 +127,24 @@ class Recording:
         """Return times [s] and goals: ends of routes, or what was sent, or the end of a plan."""
         drive = self.drive
         if drive.routes is not None:
-            times, route_ends = _ends(drive.routes)
+            times, route_ends = plan_ends(drive.routes)
             if route_ends:
                 return times, route_ends
         # Goals are sent in any frame, often that of a map.
         sent_goals = [sent for sent in drive.sent if sent.frame == drive.frame]
         if sent_goals:
             return [sent.time for sent in sent_goals], [sent.pose for sent in sent_goals]
-        times, plan_ends = _ends(self.plans)
-        if plan_ends:
+        times, last_poses = plan_ends(self.plans)
+        if last_poses:
             # The followed part of a plan ends at the goal only near it.
-            end_x, end_y, _ = plan_ends[-1]
+            end_x, end_y, _ = last_poses[-1]
             x, y, _ = self.odometry.pose[-1].tolist()
             if np.hypot(end_x - x, end_y - y) <= NEAR_GOAL_M:
-                return times[-1:], plan_ends[-1:]
+                return times[-1:], last_poses[-1:]
         return [], []
 
 
-def _ends(plans: Plans) -> Tuple[List[float], List[Pose]]:
+def plan_ends(plans: Plans) -> Tuple[List[float], List[Pose]]:
     """Return times [s] and last poses of the plans that have poses."""
     times = []
     ends = []

@@ -172,6 +172,16 @@ class Replay:
         # Stops of move_base itself say nothing about the replay of the local planner.
         return self.share_of_cycles < POOR
 
+    @property
+    def doubt(self) -> str:
+        """Why the planner's reasons in this replay are not to be trusted; "" if they are."""
+        if not self.is_poor:
+            return ""
+        return (
+            f"only {self.share_of_cycles:.0%} of the planner's commands are reproduced, so its "
+            "reasons are not to be trusted: its parameters differ, or topics or scans are missing"
+        )
+
     def __str__(self) -> str:
         summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "

@@ -129,6 +129,9 @@ def test_the_black_box_gets_what_the_launch_files_know():
     assert with_stack["/black_box/robot"] == "turtlebot3_burger"
     assert with_stack["/black_box/map"] is True
     assert with_stack["/black_box/move_base"] == "move_base"
+    # A simulated stop is no stop of the robot, whose folder is the node's default.
+    assert with_stack["/black_box/folder"] == "~/.ros/black_box_simulated"
+    assert "/black_box/folder" not in loaded("jackal_applr.launch", *REAL_ROBOT).parameters
     # Alone, it finds everything, whatever robot it is.
     alone = loaded("black_box.launch", "folder:=/tmp/stops", "minutes:=5").parameters
     assert alone["/black_box/robot"] == "none"

@@ -31,6 +31,7 @@ from tests.support.replays import PLANNER, spoilt_drive
 
 ANSWER = StopAnswer(
     kind="stood",
+    first_kind="stood",
     begin=1_700_000_000.5,
     end=1_700_000_006.5,
     x=1.5,
@@ -108,6 +109,21 @@ def master(monkeypatch):
     return master
 
 
+@pytest.fixture
+def parameters(monkeypatch):
+    """Return the parameters of the move_base, which names its robot."""
+    parameters = {"robot": "jackal"}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
+    return parameters
+
+
+@pytest.fixture
+def node(master, parameters, tmp_path):
+    """Return a node without a description of its own."""
+    names, given = names_of({}, JACKAL)
+    return BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
+
+
 def status_after_a_look(node, monkeypatch):
     """Let a node look for topics and stops once; return its status and its values by name."""
     monkeypatch.setattr(rospy, "is_shutdown", MagicMock(side_effect=[False, True]))
@@ -117,12 +133,9 @@ def status_after_a_look(node, monkeypatch):
     return status.message, {value.key: value.value for value in status.values}
 
 
-def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch, tmp_path):
+def test_parameters_of_another_node_are_a_problem_and_no_end(node, parameters, monkeypatch):
     """The launch file would start the node again and again."""
-    parameters = {"robot": "nobody"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
-    names, given = names_of({}, JACKAL)
-    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
+    parameters["robot"] = "nobody"
 
     text, values = status_after_a_look(node, monkeypatch)
     assert text.startswith("/move_base: robot nobody: give ")
@@ -133,17 +146,76 @@ def test_parameters_of_another_node_are_a_problem_and_no_end(master, monkeypatch
     assert values["stops"] == "0"
 
 
+def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(node, master, monkeypatch):
+    # Given: costmaps that read /laser/scan, of which nothing comes, and the raw scans of its driver
+    monkeypatch.setattr(rospy, "loginfo", MagicMock())
+    published = master.getPublishedTopics.return_value
+    published.append(["/front/scan", "sensor_msgs/LaserScan"])
+    scans = ["/laser/scan", "sensor_msgs/LaserScan"]
+    master.getTopicTypes.return_value = [*published, scans]
+    move_base_publishes, _, _ = master.getSystemState.return_value
+    move_base_reads = [["/laser/scan", ["/move_base"]]]
+    master.getSystemState.return_value = [move_base_publishes, move_base_reads, []]
+    box = MagicMock()
+    box.look.return_value.answer = None
+    begin = MagicMock(return_value=box)
+    monkeypatch.setattr(node_module, "BlackBox", begin)
+    # When
+    for _ in range(2):
+        text, _ = status_after_a_look(node, monkeypatch)
+    # Then: once on the screen, and in what the answers know
+    assert text == "nobody publishes /laser/scan"
+    lines = [call.args[0] % call.args[1:] for call in rospy.loginfo.call_args_list]
+    assert lines.count("black box: nobody publishes /laser/scan") == 1
+    driven = begin.call_args.args[0]
+    assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ("/laser/scan",))
+    # When its driver starts
+    published.append(scans)
+    box.problem = ""
+    text, _ = status_after_a_look(node, monkeypatch)
+    # Then
+    assert text == "keeps the last minutes"
+    driven = box.describe.call_args.args[0]
+    assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ())
+
+
+def test_without_a_move_base_the_screen_says_so_once(node, master, monkeypatch):
+    master.getSystemState.return_value = [[], [], []]
+    monkeypatch.setattr(rospy, "loginfo", MagicMock())
+    for _ in range(2):
+        status_after_a_look(node, monkeypatch)
+    ((template, line),) = [call.args for call in rospy.loginfo.call_args_list]
+    assert template % line == "black box: waiting for /move_base: no node of that name"
+
+
+@pytest.mark.parametrize(
+    ("words", "is_refused"),
+    [
+        (["roslaunch", "applr_ros1", "black_box.launch", "minutes:=5", "__ns:=a"], False),
+        (["roslaunch", "--screen", "/a/black_box.launch", "minuts:=5"], True),
+        # The arguments of another launch file are its own.
+        (["roslaunch", "applr_ros1", "jackal_applr.launch", "method:=dwa"], False),
+        (["bash"], False),
+    ],
+)
+def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(words, is_refused, monkeypatch):
+    monkeypatch.setattr(node_module, "init_node", lambda name: None)
+    monkeypatch.setattr(node_module.Path, "read_text", lambda path: "\0".join([*words, ""]))
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: {"minutes": 5.0, "limit": -1.0})
+    problem = "minuts:=5 is not an argument: give ARG:=VALUE with one of minutes, limit"
+    if not is_refused:
+        problem = "limit is -1.0: give"
+    with pytest.raises(ApplrError, match=f"^{problem}"):
+        node_module.main()
+
+
 def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(
-    master, monkeypatch, tmp_path
+    node, master, parameters, monkeypatch
 ):
-    parameters = {"robot": "jackal"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
     described = []
     box = MagicMock(describe=lambda driven: described.append(driven.robot.local_planner))
     box.look.return_value.answer = None
     monkeypatch.setattr(node_module, "BlackBox", lambda driven, *_: box)
-    names, given = names_of({}, JACKAL)
-    node = BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
 
     for address in ("http://robot:1", "http://robot:1", "http://robot:2"):
         master.lookupNode.return_value = address

@@ -5,13 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.drives.drive import Commands, Goal, Motion, Plans, Scans, Verdicts
+from applr_ros1.drives.drive import (
+    Commands,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    SentGoal,
+    Transforms,
+    Verdicts,
+)
 from applr_ros1.monitor.monitor import BRAKING, REVERSING
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import events, reasons
-from applr_ros1.why.diagnosis import give_outside_reason
+from applr_ros1.why.diagnosis import NOT_ENDED, OCCUPIED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.outside import control_period
+from applr_ros1.why.reasons import NO_PATH
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -29,6 +39,7 @@ def found(drive, tolerance=0.25, scale=1.0):
         tolerance=tolerance,
         scale=scale,
         end=drive.end,
+        yaw_tolerance=0.1,
     )
     return events.find(drive, drive.odometry, limits)
 
@@ -147,6 +158,28 @@ def test_short_stops_and_an_arrival_are_no_events():
     waits = drive_of(DRIVES + STANDS * 2, goal)
     assert kinds(arrives) == []
     assert kinds(waits) == [AT_GOAL]
+
+
+@pytest.mark.parametrize(
+    ("end_m", "yaw", "reason"),
+    [
+        (1.5, 0.0, NOT_ENDED),
+        (1.74, 0.09, NOT_ENDED),
+        (1.5, 2.0 * np.pi, NOT_ENDED),
+        (1.5, 0.11, ""),
+        (1.76, 0.0, ""),  # It is at the end of its plan, by the radius of a larger tolerance.
+    ],
+)
+def test_a_wait_within_both_tolerances_is_the_goals_and_not_the_tolerances(end_m, yaw, reason):
+    # Given: a robot that stands at x = 1.5 m, and a planner that publishes no poses at its goal
+    drive = drive_of(DRIVES + STANDS * 2, goal=(end_m, 0.0))
+    times = drive.plans.time
+    paths = [np.array([(end_m, 0.0, yaw)]), *[np.zeros((0, 3))] * (len(times) - 1)]
+    waits = replace(drive, plans=Plans(times, paths))
+    # Then
+    (event,) = found(waits, tolerance=0.25, scale=3.0)
+    give_outside_reason(event, waits, JACKAL, 0.05)
+    assert (event.kind, event.reason, event.is_outside) == (AT_GOAL, reason, bool(reason))
 
 
 def test_a_robot_that_circles_a_goal_beyond_its_tolerance_is_at_its_goal():
@@ -306,60 +339,108 @@ def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
     all_times = np.arange(0.0, 9.0, 0.1)
     assert silence(all_times) == ""
 
-    # The scans at 2.7 and 6.3 s are the last ones beside the stop.
+    # The scans at 2.7 and 5.8 s are the last ones beside the silence.
     is_early = all_times < 2.8
-    is_late = all_times > 6.2
-    assert silence(all_times[is_early | is_late]) == "there was no scan for 3.6 s"
+    is_late = all_times > 5.7
+    assert silence(all_times[is_early | is_late]) == "there was no scan for 2.8 s"
 
-    # A laser that fails for good leaves no scan after its gap: it lasts until the drive's end.
-    assert silence(all_times[is_early]) == "there was no scan for 6.2 s"
+    # A laser that fails for good leaves no scan after its gap.
+    assert silence(all_times[is_early]) == "there was no scan for 3.0 s"
 
 
 def test_silent_odometry_is_a_reason(stopped):
     odometry = stopped.odometry.part(slice(0, 56))
     # Its last message comes at 2.75 s, and commands go on until 8.95 s.
     drive = replace(stopped, odometry=odometry)
-    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 6.2 s"
+    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 3.0 s"
 
 
-def test_a_silence_counts_until_a_second_before_the_stop_and_beyond_the_usual_gaps(stopped):
-    def silence(times):
-        """Return the reason if scans come only at these times [s]."""
-        return reasons.silent(stretch_of(replace(stopped, scans=scans_of(times, times))))
+def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stopped):
+    def silences(first, last):
+        """Return the reasons if scans, or else commands, are silent from `first` to `last` [s]."""
+        times = stopped.planned.time
+        is_sent = (times <= first) | (times >= last)
+        scans = scans_of(times[is_sent], times[is_sent])
+        planned = stopped.planned.part(np.flatnonzero(is_sent))
+        return (
+            reasons.silent(stretch_of(replace(stopped, scans=scans))),
+            reasons.silent_planner(stretch_of(replace(stopped, planned=planned))),
+        )
 
-    all_times = np.arange(0.0, 9.0, 0.1)
-    # The stretch begins at 3 s. Both silences are longer than half of it.
-    until_half_a_second_before = (all_times > 0.25) & (all_times < 2.45)
-    assert silence(all_times[~until_half_a_second_before]) == "there was no scan for 2.3 s"
-    until_a_second_and_more_before = (all_times > 0.05) & (all_times < 1.75)
-    assert silence(all_times[~until_a_second_and_more_before]) == ""
+    # The stop lasts from 3 to 6 s: half of it is a reason, whatever was before.
+    assert silences(0.5, 4.4) == ("", "")
+    assert silences(0.5, 4.7) == (
+        "there was no scan for 1.7 s",
+        "move_base sent no command for 1.7 s",
+    )
+    assert silences(3.0, 9.0) == (
+        "there was no scan for 3.0 s",
+        "move_base sent no command for 3.0 s",
+    )
     # A laser that scans every two seconds is slow, not silent.
-    assert silence(np.arange(0.0, 9.0, 2.0)) == ""
-
-
-def test_a_planner_that_sends_nothing_is_silent(stopped):
-    planned = stopped.planned
-    is_sent = planned.time < 2.5
-    sent_commands = Commands(planned.time[is_sent], planned.twist[is_sent])
-    drive = replace(stopped, planned=sent_commands)
-    # The odometry goes on until 8.95 s.
-    assert reasons.silent_planner(stretch_of(drive)) == "move_base sent no command for 6.5 s"
-    assert reasons.silent_planner(stretch_of(stopped)) == ""
+    times = np.arange(0.0, 9.0, 2.0)
+    slow = replace(stopped, scans=scans_of(times, times))
+    assert reasons.silent(stretch_of(slow)) == ""
 
 
 def test_the_time_without_a_plan_is_a_reason(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
-    no_path = "the global planner finds no path"
     for times, paths, reason in (
         ([0.0], [path], ""),  # One plan serves the whole drive.
-        ([0.0, 3.2], [path, empty], no_path),
+        ([0.0, 3.2], [path, empty], NO_PATH),
         ([0.0, 3.2, 4.0], [path, empty, path], ""),  # 0.8 s are less than half of the stretch.
-        ([8.0], [path], no_path),  # The first plan comes after the stretch.
+        ([8.0], [path], NO_PATH),  # The first plan comes after the stretch.
     ):
         routes = Plans(np.array(times), paths)
         drive = replace(stopped, routes=routes)
         assert reasons.no_plan(stretch_of(drive)) == reason, times
+
+
+@pytest.mark.parametrize(
+    ("goal", "metres", "scale", "is_occupied"),
+    [
+        ((5.0, 1.0), 2.0, 1.0, True),  # It lies on the surface that the laser sees.
+        ((5.0, 1.0), 1.55, 1.0, True),  # It lies inside of an obstacle,
+        ((5.0, 1.0), 1.45, 1.0, False),  # or behind another one.
+        ((5.0, 1.0), 2.1, 1.0, True),  # The robot's centre does not come so near to it,
+        ((5.0, 1.0), 2.2, 1.0, False),
+        ((5.0, 1.0), 2.2, 2.0, True),  # that of a larger robot.
+        ((5.0, 1.0), np.inf, 1.0, False),
+        ((1.0, 1.0), 2.0, 1.0, False),  # It lies behind the laser's fan.
+    ],
+)
+def test_a_goal_in_an_obstacle_is_said_if_there_is_no_path(
+    stopped, goal, metres, scale, is_occupied
+):
+    # Given: a laser at (3, 1) m in the map with beams ahead and 1 rad to both sides
+    times = np.arange(0.0, 9.0, 0.1)
+    rows = 2
+    place = np.array([[3.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    drive = replace(
+        stopped,
+        routes=Plans(np.array([0.0]), [np.zeros((0, 3))]),
+        scans=scans_of(times, [metres] * len(times)),
+        frames={"scans": ["laser"]},
+        transforms=Transforms(
+            np.zeros(rows),
+            np.zeros(rows),
+            ["map", "odom"],
+            ["odom", "laser"],
+            np.concatenate([place, [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]]),
+            [True] * rows,
+        ),
+        # The latest goal counts.
+        sent=[SentGoal(0.0, (9.0, 1.0, 0.0), "map"), SentGoal(1.0, (*goal, 0.0), "map")],
+    )
+    event = Event("stood", 3.0, 6.0, (0.0, 0.0))
+    # When
+    give_outside_reason(event, drive, replace(JACKAL, world_scale=scale), 0.05)
+    # Then
+    assert event.reason == NO_PATH + (OCCUPIED if is_occupied else "")
+    # Without tf, nobody knows where the laser sees the goal.
+    give_outside_reason(event, replace(drive, transforms=None), JACKAL, 0.05)
+    assert event.reason == NO_PATH
 
 
 def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
@@ -403,7 +484,7 @@ def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
     drive = replace(stopped, odometry=replace(odometry, pose=poses), routes=no_path)
     event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-    give_outside_reason(event, drive, 0.05)
+    give_outside_reason(event, drive, JACKAL, 0.05)
     assert event.reason == "the pose jumped by 0.8 m"
     assert event.is_outside
 
@@ -419,7 +500,7 @@ def test_causes_come_before_what_follows_from_them(stopped):
         # Without a scan, or without a plan, the planner sends nothing.
         (
             {"scans": scans_of(early_times, early_times), "planned": early_commands},
-            "there was no scan for 6.5 s",
+            "there was no scan for 3.0 s",
         ),
         ({"routes": no_path, "planned": early_commands}, "the global planner finds no path"),
         # What the monitor stops does not reach the base.
@@ -429,7 +510,7 @@ def test_causes_come_before_what_follows_from_them(stopped):
         ),
     ):
         event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-        give_outside_reason(event, replace(stopped, **columns), 0.05)
+        give_outside_reason(event, replace(stopped, **columns), JACKAL, 0.05)
         assert event.reason == reason
 
 
@@ -649,7 +730,7 @@ def test_late_commands_are_no_reason_for_a_wait_at_the_goal(stopped):
     creeps = Event("crept", 6.0, 9.0, (3.0, 0.0))
     waits = Event(AT_GOAL, 6.0, 9.0, (3.0, 0.0))
     for event in (creeps, waits):
-        give_outside_reason(event, late, 0.05)
+        give_outside_reason(event, late, JACKAL, 0.05)
         # The planner itself is late.
         assert not event.is_outside
     assert creeps.reason == "commands came every 0.20 s instead of every 0.05 s"

@@ -363,7 +363,7 @@ def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
         command = (0.1 if row % 2 else 0.5, 0.8)
         cycles.append(replace(cycle_of(command, at=row / 20), error=0.0))
     # The drive itself has no reason that is seen from outside the planner.
-    recording = SimpleNamespace(drive=drive_of(DRIVES))
+    recording = SimpleNamespace(drive=drive_of(DRIVES), robot=JACKAL)
     planner = SimpleNamespace(period=0.05)
     replay = Replay(recording, planner, history=None, cycles=cycles, left_out={})
     event = Event("swung from side to side", 0.0, 3.0, (0.0, 0.0))

@@ -53,8 +53,9 @@ def test_limits_hold_from_their_change_on_under_any_of_their_names():
     # The Jackal's own planner does not drive. A limit of 0 is none.
     first = (1.0, TEB, {"max_vel_x": 0.0, "max_vel_trans": 0.4, "max_rot_vel": 0.8})
     of_another = (1.5, PLANNER, {"max_vel_x": 0.9})
-    second = (2.0, TEB, {"max_vel_x": 0.6, "xy_goal_tolerance": 0.1})
+    tolerances = {"xy_goal_tolerance": 0.1, "yaw_goal_tolerance": 0.3}
+    second = (2.0, TEB, {"max_vel_x": 0.6, **tolerances})
     changed = limits(first, of_another, second)
     assert changed.speed[[0, 19, 20, 39, 40, 59]].tolist() == [0.3, 0.3, 0.4, 0.4, 0.6, 0.6]
     assert changed.turn[[0, 19, 20, 59]].tolist() == [1.0, 1.0, 0.8, 0.8]
-    assert changed.tolerance == 0.1
+    assert (changed.tolerance, changed.yaw_tolerance) == (0.1, 0.3)

@@ -99,7 +99,7 @@ def advice(answer: Answer) -> List[str]:
 
 def undriven_guess(answer: Answer) -> Optional[Alternative]:
     """Return what the replay ranks first, or None if it was driven in vain or gains too little."""
-    guess = best_guess(answer.guesses, answer.diagnosis.replay.top_speed)
+    guess = best_guess(answer.guesses, answer.diagnosis.replay)
     if guess is not None and answer.trials is not None:
         for tried in answer.trials.tried:
             if tried.candidate is not None and tried.candidate.changes == guess.changes:

@@ -187,7 +187,7 @@ def _replayed_answer(diagnosis: Diagnosis, is_quick: bool) -> AnsweredBag:
         if diagnosis.part is not None:
             stop = stop.model_copy(update={"reason": PART_SEEN, "is_outside": True})
         stops.append(stop)
-    guess = best_guess(guesses, replay.top_speed)
+    guess = best_guess(guesses, replay)
     course = None if is_quick else course_of(diagnosis, guesses)
     footprint_x = replay.planner.footprint(replay.settings)[:, 0]
     answer = BagAnswer(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Dict
 
-from roslib.message import get_message_class
+from genpy.message import get_message_class
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.why.black_box.bag_file import Publication

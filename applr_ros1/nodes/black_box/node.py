@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
 import sys
 import time
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Dict, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import rosgraph
 import rospkg
@@ -31,11 +32,11 @@ from std_msgs.msg import ColorRGBA, Header
 from std_srvs.srv import Trigger, TriggerResponse
 from visualization_msgs.msg import Marker
 
-from applr_ros1.common.arguments import number_within
+from applr_ros1.common.arguments import check_names, number_within
 from applr_ros1.common.errors import ApplrError, run_script
 from applr_ros1.common.ros_node import command_topic, init_node, status_name, until_shutdown
 from applr_ros1.drives.columns import TopicNames
-from applr_ros1.drives.names import Connections, names_beside, names_in
+from applr_ros1.drives.names import Connections, names_beside, names_in, unpublished
 from applr_ros1.drives.received import TopicSource, received, sources_of
 from applr_ros1.msg import Stop as StopMessage
 from applr_ros1.nodes import conversions
@@ -45,7 +46,12 @@ from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.why.black_box.answer_process import AnswerProcess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import BlackBox
-from applr_ros1.why.black_box.description import DescribedRobot, driving, unknown_robot
+from applr_ros1.why.black_box.description import (
+    DescribedRobot,
+    driving,
+    nobody_publishes,
+    unknown_robot,
+)
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.ring import Ring
 from applr_ros1.why.limits import REPLAYED
@@ -58,6 +64,7 @@ REPORT_S = 2.0  # interval between diagnostics, in wall time [s]
 MOST_BYTES = 70_000_000  # largest memory of the messages, nine to ten minutes of a Jackal [bytes]
 MOST_STOPS = 500  # largest number of bags
 MOST_MINUTES = 10.0  # longest time that can be kept [min]
+LAUNCH_FILE = "black_box.launch"  # the launch file whose arguments are the node's parameters
 NO_ROBOT = "none"  # value of ~robot of a robot without a description
 FOUND = "auto"  # value of a topic's parameter that is found
 TEXT_M = 0.15  # height of the letters in RViz [m]
@@ -86,8 +93,8 @@ class BlackBoxNode:
     ):
         self._described = described
         self._names = names
-        self._names_in_use = names
-        self._address = ""  # address of the move_base whose parameters are in use
+        # names, topics without a publisher, and address of the move_base that is described
+        self._described_as: Tuple[TopicNames, Tuple[str, ...], str] = (names, (), "")
         self._given = given
         self._folder = folder
         self._ring = Ring(60.0 * minutes, MOST_BYTES)
@@ -108,7 +115,10 @@ class BlackBoxNode:
         while not rospy.is_shutdown():
             if time.monotonic() >= search_due:
                 search_due = time.monotonic() + SEARCH_S
+                problem_before = self._problem
                 self._search()
+                if self._problem not in ("", problem_before):
+                    rospy.loginfo("black box: %s", self._problem)
             if self._box is not None:
                 self._look(self._box)
             if time.monotonic() >= report_due:
@@ -123,6 +133,7 @@ class BlackBoxNode:
         """Find move_base and its topics, and subscribe to those that are new."""
         try:
             types = dict(self._master.getPublishedTopics(""))
+            all_types = dict(self._master.getTopicTypes())
             published, subscribed, _ = self._master.getSystemState()
             names = names_in(types, self._names, self._given)
             # Each start of a node has another address, and may have other parameters.
@@ -140,26 +151,32 @@ class BlackBoxNode:
             {topic for topic, nodes in subscribed if names.move_base in nodes},
         )
         if not move_base.published:
-            self._problem = f"waits for {names.move_base}"
+            self._problem = f"waiting for {names.move_base}: no node of that name"
             return
-        self._problem = ""
-        names = names_beside(move_base, types, names, self._given)
-        if self._box is None or names != self._names_in_use or address != self._address:
+        names = names_beside(move_base, all_types, names, self._given)
+        silent_topics = unpublished(move_base, names, types)
+        self._problem = nobody_publishes(silent_topics)
+        found = (names, silent_topics, address)
+        if self._box is None or found != self._described_as:
             try:
-                self._begin(names)
+                self._begin(names, silent_topics)
             except ApplrError as problem:  # The parameters of another node are no reason to end.
                 self._problem = f"{names.move_base}: {problem}"
                 return
-            self._address = address
+            self._described_as = found
         for topic, source in sources_of(types, names, CHANNELS).items():
             if topic not in self._subscribers:
                 self._subscribers[topic] = self._subscribed(topic, source)
 
-    def _begin(self, names: TopicNames) -> None:
-        """Begin to keep the topics of a robot, or go on with other names of them."""
-        self._names_in_use = names
+    def _begin(self, names: TopicNames, silent_topics: Tuple[str, ...]) -> None:
+        """Begin to keep the topics of a robot, or go on with other names of them.
+
+        Args:
+            names: Names of the topics.
+            silent_topics: Those that nobody publishes.
+        """
         robot, is_known = self._robot(names.move_base)
-        driven = DescribedRobot(robot, names, is_known)
+        driven = DescribedRobot(robot, names, is_known, silent_topics)
         if self._box is not None:
             self._box.describe(driven)
             return
@@ -332,6 +349,17 @@ def _share_memory() -> None:
         ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
 
 
+def _words_of_launch() -> List[str]:
+    """Return the arguments ARG:=VALUE of the roslaunch that started this node by LAUNCH_FILE.
+
+    roslaunch itself ignores those that are misspelt.
+    """
+    words = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
+    if not any(word.endswith(LAUNCH_FILE) for word in words):
+        return []
+    return [word for word in words if ":=" in word]
+
+
 def main() -> int:
     """Run the node.
 
@@ -341,6 +369,8 @@ def main() -> int:
     _share_memory()
     init_node("black_box")
     parameters = rospy.get_param("~", {})
+    # The launch file hands each of its arguments on as a parameter.
+    check_names(_words_of_launch(), parameters)
     described: Optional[Robot] = None
     if str(parameters.get("robot", NO_ROBOT)) != NO_ROBOT:
         described, _ = named_robot(parameters)

@@ -26,7 +26,7 @@ import rospy
 from rosgraph.names import load_mappings
 
 import sim_bridge
-from applr_ros1.common.arguments import boolean, number_within
+from applr_ros1.common.arguments import boolean, check_names, number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import is_in_writable_folder
 from applr_ros1.common.progress import announced
@@ -76,13 +76,9 @@ def given_arguments(
     Raises:
         ApplrError: An argument is unknown, has no value, or one of another kind than its default.
     """
-    known = (*of_launch_file, *others)
+    check_names(words, (*of_launch_file, *others))
     for word in words:
-        argument_name, separator, value = word.partition(":=")
-        is_known = argument_name in known or argument_name.startswith("_")
-        if not separator or not is_known:
-            advice = f"give ARG:=VALUE with one of {', '.join(known)}"
-            raise ApplrError(f"{word} is not an argument: {advice}")
+        argument_name, _, value = word.partition(":=")
         if not value:  # load_mappings would silently drop it, and the default would be used.
             raise ApplrError(f"{argument_name} is empty: give a value or omit it")
     # ROS's own parser, so that words mean the same as on roslaunch's command line.

@@ -19,7 +19,7 @@ from applr_ros1.why.black_box.stops import RobotStop
 
 NICE = "10"  # priority of the process, far behind the control loop
 LONGEST_S = 60.0  # time after which a process that has not ended is killed [s]
-PATIENCE_S = 8.0  # time after which the first answer is given, if the last one is not there [s]
+PATIENCE_S = 6.0  # time after which the first answer is given, if the last one is not there [s]
 ENDS_S = 1.0  # longest time to wait for the last line of a process that has ended [s]
 
 
@@ -121,8 +121,8 @@ def job_of(stop: RobotStop, messages: Sequence[RawMessage]) -> bytes:
 
 def stop_of(line: bytes) -> RobotStop:
     """Return the stop in the first line of a job."""
-    kind, begin, end, (x, y) = json.loads(line)
-    return RobotStop(kind, begin, end, (x, y))
+    kind, begin, end, (x, y), number = json.loads(line)
+    return RobotStop(kind, begin, end, (x, y), number)
 
 
 def _send(

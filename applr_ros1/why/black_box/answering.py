@@ -18,7 +18,12 @@ from applr_ros1.why import events
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import best_guess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
+from applr_ros1.why.black_box.description import (
+    TOPIC,
+    DescribedRobot,
+    described_by,
+    nobody_publishes,
+)
 from applr_ros1.why.black_box.stops import SAVED, RobotStop
 from applr_ros1.why.diagnosis import Diagnosis, explain_event, give_outside_reason
 from applr_ros1.why.events import Event
@@ -44,6 +49,7 @@ class StopAnswer:
 
     Attributes:
         kind: What happened, in words.
+        first_kind: What was said when the stop was found.
         begin: Begin [s, by the robot's clock].
         end: Time until which it had lasted [s, by the robot's clock].
         x: Place of the robot [m].
@@ -58,6 +64,7 @@ class StopAnswer:
     """
 
     kind: str
+    first_kind: str
     begin: float
     end: float
     x: float
@@ -73,6 +80,9 @@ class StopAnswer:
     def __str__(self) -> str:
         seconds = self.end - self.begin
         sentence = f"the robot {self.kind}"
+        # Somebody who asks to save has said nothing of the robot.
+        if self.first_kind not in (SAVED, self.kind):
+            sentence = f"the robot, which {self.first_kind} at first, {self.kind}"
         if seconds > 0.0:
             sentence += f" for {seconds:.0f} s"
         sentence += f" at ({self.x:.2f}, {self.y:.2f})"
@@ -108,16 +118,17 @@ def answers_of(
     begin = messages[0].time / SECOND
     first_answer = StopAnswer(
         kind=stop.kind,
+        first_kind=stop.kind,
         begin=stop.begin,
         end=stop.end,
         x=stop.place[0],
         y=stop.place[1],
         frame=drive.frame,
     )
+    silence = nobody_publishes(described_robot.unpublished)
     if drive.odometry is None:
-        yield replace(
-            first_answer, reason=f"there is no odometry on {described_robot.topics.odometry}"
-        )
+        no_odometry = f"there is no odometry on {described_robot.topics.odometry}"
+        yield replace(first_answer, reason=silence or no_odometry)
         return
     robot = described_robot.robot
     event = _event_of(stop, begin, seen_from_outside(drive, drive.odometry, robot).events)
@@ -125,7 +136,11 @@ def answers_of(
         yield replace(first_answer, note=NO_STOP)
         return
     # A moment that is no event has no reason yet.
-    give_outside_reason(event, drive, control_period(drive, robot))
+    give_outside_reason(event, drive, robot, control_period(drive, robot))
+    # Whatever else stops a robot without its laser follows from that.
+    if silence:
+        event.reason = silence
+        event.is_outside = True
     # The place stays in the frame of the odometry, which may not be that of the replay.
     x, y = event.place
     outside_answer = replace(_with_event(first_answer, event, begin), x=x, y=y)
@@ -226,7 +241,8 @@ def _replayed(
     Raises:
         ApplrError: The drive cannot be replayed.
     """
-    robot, topics, _ = described_robot
+    robot = described_robot.robot
+    topics = described_robot.topics
     planner = RerunPlanner(robot)
     recording = recording_from(drive, topics, _types(messages), planner, robot)
     replay = replay_of(recording, planner)
@@ -237,12 +253,14 @@ def _replayed(
     event = _event_of(stop, begin, found_events)
     explained = explain_event(replay, event)
     answer = replace(_with_event(answer, event, begin), reproduced=replay.share)
+    if not event.is_outside:
+        answer = replace(answer, note=replay.doubt)
     yield answer
     if event.is_outside:
         return
     part = part_of_robot(replay)
     guesses = guesses_of(Diagnosis(replay, [event], [explained], part))
-    guess = best_guess(guesses, replay.top_speed)
+    guess = best_guess(guesses, replay)
     if guess is None:
         return
     yield replace(

@@ -94,6 +94,7 @@ class BlackBox:
         self._asked: List[PendingBag] = []
         self._pending: List[PendingBag] = []
         self._latest_time = 0
+        self._clock_time = ""  # time of day at which the latest stop was found
         self.stop_count = 0
         self.lost_count = 0
         self.problem = ""
@@ -144,7 +145,7 @@ class BlackBox:
         now: Present time by the robot's clock [s].
         """
         output = BoxOutput()
-        for bag in self._new_bags(now):
+        for bag in self._new_bags(now, output):
             self.stop_count += 1
             self._ask(bag.stop, output)
         for bag in self._due_bags(now):
@@ -158,14 +159,19 @@ class BlackBox:
             self._write(bag, BoxOutput())
         self._process.end()
 
-    def _new_bags(self, now: float) -> List[PendingBag]:
-        """Return the bags of stops that are new."""
+    def _new_bags(self, now: float, output: BoxOutput) -> List[PendingBag]:
+        """Return the bags of stops that are new. One that comes again at a place is a line."""
         with self._lock:
             new_bags = self._asked
             self._asked = []
             stop = self._detector.stop(now)
-            if stop is not None:
-                new_bags.append(PendingBag(stop, self._moment()))
+            if stop is not None and stop.number > 1:
+                again = f"again, as at {self._clock_time} ({stop.number} times)"
+                output.lines.append(f"{_in_words(stop)} {again}")
+            elif stop is not None:
+                bag = PendingBag(stop, self._moment())
+                self._clock_time = bag.moment.rpartition("_")[2].replace("-", ":")
+                new_bags.append(bag)
             self._pending += new_bags
         return new_bags
 
@@ -185,7 +191,7 @@ class BlackBox:
 
     def _ask(self, stop: RobotStop, output: BoxOutput) -> None:
         """Ask why the robot stopped."""
-        output.lines.append(f"the robot {stop.kind} at ({stop.place[0]:.2f}, {stop.place[1]:.2f})")
+        output.lines.append(_in_words(stop))
         begin = round((stop.begin - LEAD_S) * SECOND)
         try:
             is_dropped = self._process.ask(stop, list(self._messages(begin)))
@@ -216,6 +222,12 @@ class BlackBox:
     def _messages(self, begin: int = 0) -> Iterator[RawMessage]:
         """Return the messages since `begin` [ns], the description of the robot first."""
         return _described(self._text, self._ring.messages(begin))
+
+
+def _in_words(stop: RobotStop) -> str:
+    """Return what the robot did, and where."""
+    x, y = stop.place
+    return f"the robot {stop.kind} at ({x:.2f}, {y:.2f})"
 
 
 def _described(text: str, messages: Iterator[RawMessage]) -> Iterator[RawMessage]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any, Dict, NamedTuple
+from typing import Any, Dict, NamedTuple, Sequence, Tuple
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
@@ -32,11 +32,18 @@ class DescribedRobot(NamedTuple):
         topics: Names of its topics.
         is_known: Whether somebody described it. If not, its body and base are those of the Jackal,
             and only the parameters of move_base are its own.
+        unpublished: Topics of its laser and odometry that nobody publishes.
     """
 
     robot: Robot
     topics: TopicNames
     is_known: bool
+    unpublished: Tuple[str, ...] = ()
+
+
+def nobody_publishes(topics: Sequence[str]) -> str:
+    """Return in words that nobody publishes some topics, or ""."""
+    return f"nobody publishes {' and '.join(topics)}" if topics else ""
 
 
 def text_of(driven: DescribedRobot) -> str:
@@ -44,6 +51,7 @@ def text_of(driven: DescribedRobot) -> str:
     content = {
         "name": driven.robot.name,
         "is_known": driven.is_known,
+        "unpublished": driven.unpublished,
         "topics": vars(driven.topics),
         "robot": content_of(driven.robot),
     }
@@ -70,7 +78,9 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
         # The policy of an included robot is at hand, and can decide again.
         if robot.name in NAMES:
             robot = replace(robot, folder=load(robot.name).folder)
-        return DescribedRobot(robot, TopicNames(**known_topics), bool(content["is_known"]))
+        names = TopicNames(**known_topics)
+        silent_topics = tuple(map(str, content.get("unpublished", ())))
+        return DescribedRobot(robot, names, bool(content["is_known"]), silent_topics)
     except (KeyError, TypeError, AttributeError):
         problem = f"{TOPIC} does not describe a robot"
         raise ApplrError(f"{bag_name}: {problem}: give the robot as --robot") from None

@@ -44,19 +44,21 @@ class RobotStop(NamedTuple):
         begin: Begin [s].
         end: Time until which it has lasted when it was found [s].
         place: Position (x, y) [m] in the odometry frame.
+        number: How many stops there were at this place so far; 1 for one that is to be answered.
     """
 
     kind: str
     begin: float
     end: float
     place: Tuple[float, float]
+    number: int = 1
 
 
 class StopDetector:
     """Watches a growing drive, and finds each stop once.
 
-    A stop that goes on is found again after AGAIN_S if the robot has got another goal, or as soon
-    as it stops in another way elsewhere.
+    A stop that goes on is found again if the robot has got another goal, or as soon as it stops in
+    another way elsewhere. Within AGAIN_S, those at one place are counted.
 
     Args:
         robot: Robot that drives, with the parameters of its planner.
@@ -81,7 +83,9 @@ class StopDetector:
         self._goal = ""  # identifier of the latest goal
         self._goal_began = -np.inf  # time of its first message [s]
         self._known_until = -np.inf  # time until which a stop that was found has lasted [s]
-        self._last_stop: Optional[RobotStop] = None
+        self._last_stop: Optional[RobotStop] = None  # latest stop that is to be answered
+        self._count = 0  # number of stops at its place so far
+        self._counted_until = -np.inf  # time until which the latest of them had lasted [s]
 
     def wants(self, key: str, time: int) -> bool:
         """Return whether a message of a topic of COLUMNS that came at a time [ns] is looked at."""
@@ -111,36 +115,44 @@ class StopDetector:
 
     def stop(self, now: float) -> Optional[RobotStop]:
         """Return the stop that began a while before `now` [s], or None. Each is returned once."""
-        new_stop = None
+        found_stop = None
         for stop in self._stops(now):
-            is_new = self._is_new(stop)
-            if is_new and new_stop is None:
-                new_stop = stop
-            if not is_new or stop is new_stop:
-                self._known_until = max(self._known_until, stop.end + PAUSE_S)
-        if new_stop is not None:
-            self._last_stop = new_stop
-        return new_stop
+            number = self._number_of(stop)
+            if number and found_stop is not None:
+                continue  # It is found at the next look.
+            if number:
+                found_stop = stop._replace(number=number)
+            self._known_until = max(self._known_until, stop.end + PAUSE_S)
+        if found_stop is not None:
+            self._counted_until = found_stop.end
+            self._count = found_stop.number
+            if found_stop.number == 1:
+                self._last_stop = found_stop
+        return found_stop
 
-    def _is_new(self, stop: RobotStop) -> bool:
-        """Return whether a stop was not found yet."""
+    def _number_of(self, stop: RobotStop) -> int:
+        """Return the number of a stop at its place; 0 if it was found before."""
         last_stop = self._last_stop
         if last_stop is None:
-            return True
+            return 1
         is_here = math.dist(stop.place, last_stop.place) <= self._robot.body.size[0]
         # The end of a goal is another stop, although the robot stood there before.
         is_alike = stop.kind == last_stop.kind or stop.kind != GAVE_UP
-        if is_here and is_alike and stop.end < last_stop.begin + AGAIN_S:
-            return False
+        is_again = is_here and is_alike and stop.end < last_stop.begin + AGAIN_S
+        latest_end = self._counted_until if is_again else last_stop.end
         if stop.begin > self._known_until:
-            return True
-        # A robot that was told to go on may still stand there.
-        if last_stop.end < self._goal_began:
+            is_found = True
+        elif latest_end < self._goal_began:
+            # A robot that was told to go on may still stand there.
             shortest = 0.0 if stop.kind == GAVE_UP else STOP_S
-            return stop.end - self._goal_began >= shortest
-        # One in trouble may go from one stop to another without a pause.
-        has_left_view = stop.begin > last_stop.begin + VIEW_S
-        return not is_here and stop.kind != last_stop.kind and has_left_view
+            is_found = stop.end - self._goal_began >= shortest
+        else:
+            # One in trouble may go from one stop to another without a pause.
+            has_left_view = stop.begin > last_stop.begin + VIEW_S
+            is_found = not is_here and stop.kind != last_stop.kind and has_left_view
+        if not is_found:
+            return 0
+        return self._count + 1 if is_again else 1
 
     def _stops(self, now: float) -> List[RobotStop]:
         """Return the stops in view, in order of time."""

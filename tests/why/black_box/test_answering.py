@@ -13,8 +13,10 @@ from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
-from applr_ros1.why.black_box.stops import SAVED, RobotStop
+from applr_ros1.why.black_box.stops import HELD, SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
+from applr_ros1.why.replay import POOR
+from tests.support.drives import until
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.raw_messages import deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -28,7 +30,7 @@ def spoilt():
     return spoilt_drive()
 
 
-def answers(path, robot, drive, stop=None, described=None):
+def answers(path, robot, drive, stop=None, described=None, unpublished=()):
     """Return the answers to the stop of a drive.
 
     Args:
@@ -37,11 +39,13 @@ def answers(path, robot, drive, stop=None, described=None):
         drive: The drive.
         stop: The stop. Default: from 2 to 8 s.
         described: Robot that is described instead.
+        unpublished: Topics of its sensors that nobody publishes.
     """
     messages = raw_messages(path, drive, robot=robot)
     # The simulated drives count cells, as this package's stack does.
     described = described or driving(robot, robot.driven_parameters())
-    text = text_of(DescribedRobot(described, TopicNames.of(robot), True)).encode()
+    described_robot = DescribedRobot(described, TopicNames.of(robot), True, unpublished)
+    text = text_of(described_robot).encode()
     description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
     stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
     return list(answers_of([description, *messages], stop, deserialize))
@@ -80,8 +84,12 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
 
     verdicts = Verdicts(np.array([0.0, 1.0]), ["pass", "stop"], ["", "a wall"])
     held = replace(drive, verdicts=verdicts)
-    (answer,) = answers(tmp_path / "held.bag", robot, held)
+    stop = RobotStop(HELD, BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
+    (answer,) = answers(tmp_path / "held.bag", robot, held, stop)
     assert answer.reason == "the collision monitor intervenes 92 % of the time: a wall"
+    # What was said when the stop was found is corrected.
+    first_words = f"the robot, which {HELD} at first, crept for 12 s at "
+    assert str(answer).startswith(first_words)
 
 
 @pytest.mark.heavy
@@ -102,10 +110,23 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
     assert silent_answer.reason.startswith("there was no scan for")
 
 
-def test_of_a_stop_without_odometry_its_topic_is_named(spoilt, tmp_path):
+@pytest.mark.parametrize(
+    ("missing", "unpublished", "reason"),
+    [
+        ("odometry", (), "there is no odometry on /odometry/filtered"),
+        ("odometry", ("/odometry/filtered",), "nobody publishes /odometry/filtered"),
+        ("scans", ("/front/scan",), "nobody publishes /front/scan"),
+    ],
+)
+def test_of_a_stop_without_a_sensor_its_topic_is_named(
+    missing, unpublished, reason, spoilt, tmp_path
+):
     robot, drive = spoilt
-    (answer,) = answers(tmp_path / "drive.bag", robot, replace(drive, odometry=None))
-    assert answer.reason == "there is no odometry on /odometry/filtered"
+    # The monitor holds a robot that sees nothing.
+    verdicts = Verdicts(np.array([0.0]), ["stop"], ["no scan"])
+    blind = replace(until(drive, 9.0), verdicts=verdicts, **{missing: None})
+    (answer,) = answers(tmp_path / "drive.bag", robot, blind, unpublished=unpublished)
+    assert answer.reason == reason
 
 
 def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
@@ -114,6 +135,18 @@ def test_what_hinders_the_replay_is_a_note(spoilt, tmp_path):
     _, answer = answers(tmp_path / "drive.bag", robot, without_plans)
     assert "no messages on /move_base/TrajectoryPlannerROS/global_plan" in answer.note
     assert answer.kind == "crept"
+
+
+@pytest.mark.heavy
+def test_a_replay_that_reproduces_little_is_called_so_and_gives_no_guess(spoilt, tmp_path):
+    # Given: a robot whose planner samples fewer speeds than its description says
+    _, drive = spoilt
+    *_, answer = answers(tmp_path / "drive.bag", JACKAL, until(drive, 4.0))
+    # Then: the threshold is the one of `why`, and no parameter is to be tried
+    assert answer.reproduced < POOR
+    assert answer.note.startswith("only ")
+    assert "of the planner's commands are reproduced, so its reasons are not to" in str(answer)
+    assert answer.parameter == ""
 
 
 @pytest.mark.heavy

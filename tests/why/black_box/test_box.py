@@ -135,6 +135,17 @@ def test_the_next_stop_drops_the_answer_to_the_one_before():
     assert box.problems == ["the answer to the stop before is dropped for this one"]
 
 
+def test_a_stop_at_the_same_place_is_a_line_and_no_further_bag():
+    box = Box()
+    box.numbers = iter(["2026-11-30_09-06-12", "another"])
+    round_trip = [(0.5, 0.4)] * 314
+    box.drive(DRIVES + STANDS * 2 + round_trip + STANDS * 2 + DRIVES)
+    assert len(box.process.asked) == 1
+    assert list(box.folder.saved) == ["2026-11-30_09-06-12"]
+    assert box.lines[0] == "the robot stood at (1.50, 0.00)"
+    assert box.lines[-1] == "the robot stood at (1.50, -0.00) again, as at 09:06:12 (2 times)"
+
+
 def test_a_lost_bag_is_one_line_and_the_next_one_is_written():
     box = Box()
     box.folder.is_full = True

@@ -82,8 +82,11 @@ def stops_of(messages, detector=None, interval=LOOK_S):
 
 
 def stop_count(messages):
-    """Return the number of stops in minutes of a drive, with few looks: each takes milliseconds."""
-    return len(stops_of(messages, interval=2.0))
+    """Return the number of answered stops in minutes of a drive, with few looks.
+
+    Each look takes milliseconds.
+    """
+    return [stop.number for _, stop in stops_of(messages, interval=2.0)].count(1)
 
 
 @pytest.mark.parametrize(
@@ -148,6 +151,22 @@ def test_a_robot_that_stands_with_a_new_goal_stops_again_after_two_minutes():
     assert [stop.kind for _, stop in stops_of(messages, interval=2.0)] == ["stood", "stood"]
     messages = messages_of(stands, next_goal_at=180.0, ended="aborted") + [verdict(184.0, "pass")]
     assert [stop.kind for _, stop in stops_of(messages, interval=2.0)] == ["stood", GAVE_UP]
+
+
+def test_stops_at_one_place_within_two_minutes_are_counted():
+    def counts(*twists, **options):
+        """Return the numbers of the stops at their places."""
+        drive = drive_of(sum(twists, DRIVES))
+        return [stop.number for _, stop in stops_of(messages_of(drive, **options), interval=1.0)]
+
+    # A circle of 15.7 s leads back to the place of the stop.
+    round_trip = [(0.5, 0.4)] * 314
+    stands = STANDS * 2
+    assert counts(stands, round_trip, stands, round_trip, stands, DRIVES) == [1, 2, 3]
+    assert counts(stands, round_trip, stands, DRIVES * 2, stands) == [1, 2, 1]
+    # A robot that stands on with a new goal, and then for two minutes
+    assert counts(STANDS * 20, next_goal_at=30.0) == [1, 2]
+    assert counts(STANDS * 60, next_goal_at=100.0) == [1, 2, 1]
 
 
 def test_an_application_that_sends_its_goal_each_second_stops_the_robot_once():
