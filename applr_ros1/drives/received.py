@@ -5,7 +5,8 @@ The reader of bags (training/bags) and the black box call it. It needs neither R
 
 from __future__ import annotations
 
-from collections import defaultdict
+import logging
+from collections import Counter, defaultdict
 from fnmatch import fnmatchcase
 from typing import (
     Any,
@@ -13,6 +14,7 @@ from typing import (
     Collection,
     DefaultDict,
     Dict,
+    Iterable,
     List,
     Mapping,
     NamedTuple,
@@ -22,6 +24,7 @@ from typing import (
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import paths
 from applr_ros1.drives.bag import UnpackedRow, drive_of
 from applr_ros1.drives.columns import COLUMNS, SECOND, Row, TopicNames, column_of, topic_of
@@ -30,6 +33,7 @@ from applr_ros1.drives.outcome import nearest
 from applr_ros1.drives.robot_time import RecordedStamp, RobotTime
 from applr_ros1.robots import Robot
 
+_LOGGER = logging.getLogger(__name__)
 SENSORS = ("odometry", "scans")  # columns whose stamps may set the robot's time
 
 
@@ -43,6 +47,24 @@ class TopicSource(NamedTuple):
 
     key: str
     part: Row
+
+
+class Serialised(NamedTuple):
+    """Message as it was recorded.
+
+    Attributes:
+        time: When it came [ns].
+        topic: Its topic.
+        data: The serialised message of ROS 1.
+        digest: MD5 sum of its definition.
+        deserialized: Returns it as an object, which takes long for a path.
+    """
+
+    time: int
+    topic: str
+    data: bytes
+    digest: str
+    deserialized: Callable[[], Any]
 
 
 class Received(NamedTuple):
@@ -77,6 +99,42 @@ def sources_of(
                     part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
                 sources[topic] = TopicSource(key, part)
     return sources
+
+
+def all_received(
+    messages: Iterable[Serialised], sources: Mapping[str, TopicSource], name: str
+) -> List[Received]:
+    """Return messages with their rows. Those that cannot be unpacked are left out and logged.
+
+    Args:
+        messages: The messages; topics without a source are skipped.
+        sources: Sources by topic.
+        name: Name of the drive, for the log.
+
+    Raises:
+        ApplrError: The messages of a topic cannot be read at all.
+    """
+    received_messages = []
+    left_out: Counter[str] = Counter()
+    for message in messages:
+        source = sources.get(message.topic)
+        if source is None:
+            continue
+        try:
+            received_message = received(
+                message.time, source, message.data, message.digest, message.deserialized
+            )
+        except ApplrError:
+            raise
+        except Exception:
+            # Whatever fails on a message that was cut, the others are whole.
+            left_out[message.topic] += 1
+            continue
+        received_messages.append(received_message)
+    if left_out:
+        counts = [f"{count} on {topic}" for topic, count in left_out.items()]
+        _LOGGER.warning("%s: messages cut or damaged, left out: %s", name, ", ".join(counts))
+    return received_messages
 
 
 def received(

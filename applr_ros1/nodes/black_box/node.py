@@ -32,7 +32,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 from visualization_msgs.msg import Marker
 
 from applr_ros1.common.arguments import number_within
-from applr_ros1.common.errors import ApplrError, run_script
+from applr_ros1.common.errors import ApplrError, one_line, run_script
 from applr_ros1.common.ros_node import command_topic, init_node, status_name, until_shutdown
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.names import Connections, names_beside, names_in
@@ -46,7 +46,7 @@ from applr_ros1.why.black_box.answer_process import AnswerProcess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import DescribedRobot, driving, unknown_robot
-from applr_ros1.why.black_box.folder import StopFolder
+from applr_ros1.why.black_box.folder import StopFolder, moment
 from applr_ros1.why.black_box.ring import Ring
 from applr_ros1.why.limits import REPLAYED
 from applr_ros1.why.outside import OTHER_PLANNER
@@ -147,8 +147,8 @@ class BlackBoxNode:
         if self._box is None or names != self._names_in_use or address != self._address:
             try:
                 self._begin(names)
-            except ApplrError as problem:  # The parameters of another node are no reason to end.
-                self._problem = f"{names.move_base}: {problem}"
+            except Exception as problem:  # The parameters of another node are no reason to end.
+                self._problem = f"{names.move_base}: {one_line(problem)}"
                 return
             self._address = address
         for topic, source in sources_of(types, names, CHANNELS).items():
@@ -263,11 +263,6 @@ def _unpacked(raw: RawMessage, source: TopicSource) -> Any:
     """Return a message with its rows."""
     read = partial(deserialize, raw.publication, raw.data)
     return received(raw.time, source, raw.data, raw.publication.md5sum, read)
-
-
-def moment() -> str:
-    """Return the present time of the computer for the name of a bag."""
-    return time.strftime("%Y-%m-%d_%H-%M-%S")
 
 
 def stop_message(answer: Dict[str, Any]) -> StopMessage:

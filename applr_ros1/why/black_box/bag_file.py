@@ -70,23 +70,7 @@ class RawMessage(NamedTuple):
 # -- writing ---------------------------------------------------------------------------------------
 def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
     """Write messages in order of time as a bag to a seekable file at its begin."""
-    connections: Dict[Publication, int] = {}
-    chunk_infos: List[bytes] = []
-    file.write(MAGIC)
-    file.write(_file_header(0, 0, 0))
-    chunk = _Chunk()
-    for message in messages:
-        number = connections.get(message.publication)
-        if number is None:
-            number = connections[message.publication] = len(connections)
-            chunk.add_connection(number, message.publication)
-        chunk.add_message(number, message)
-        if chunk.length >= CHUNK_BYTES:
-            chunk_infos.append(chunk.written_to(file))
-            chunk = _Chunk()
-    if chunk.length:
-        chunk_infos.append(chunk.written_to(file))
-
+    connections, chunk_infos = stream_messages(file, messages)
     # Connections and chunks once more at the end, where readers look for them
     index_position = file.tell()
     for publication, number in connections.items():
@@ -95,6 +79,42 @@ def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
         file.write(chunk_info)
     file.seek(len(MAGIC))
     file.write(_file_header(index_position, len(connections), len(chunk_infos)))
+
+
+def stream_messages(
+    file: BinaryIO, messages: Iterable[RawMessage]
+) -> Tuple[Dict[Publication, int], List[bytes]]:
+    """Write messages as a bag without its index, also to a pipe. read_messages needs no index.
+
+    Returns:
+        Number of each publication, and the records that describe the chunks.
+    """
+    connections: Dict[Publication, int] = {}
+    chunk_infos: List[bytes] = []
+    position = file.write(MAGIC)
+    position += file.write(_file_header(0, 0, 0))
+    for chunk in _chunks(messages, connections):
+        chunk_infos.append(chunk.info(position))
+        position += file.write(chunk.record())
+    return connections, chunk_infos
+
+
+def _chunks(
+    messages: Iterable[RawMessage], connections: Dict[Publication, int]
+) -> Iterator[_Chunk]:
+    """Yield messages in chunks, and number their publications in `connections`."""
+    chunk = _Chunk()
+    for message in messages:
+        number = connections.get(message.publication)
+        if number is None:
+            number = connections[message.publication] = len(connections)
+            chunk.add_connection(number, message.publication)
+        chunk.add_message(number, message)
+        if chunk.length >= CHUNK_BYTES:
+            yield chunk
+            chunk = _Chunk()
+    if chunk.length:
+        yield chunk
 
 
 class _Chunk:
@@ -130,16 +150,14 @@ class _Chunk:
         self._parts.append(part)
         self.length += len(part)
 
-    def written_to(self, file: BinaryIO) -> bytes:
-        """Write the chunk with its index, and return the record that describes it."""
-        position = file.tell()
+    def record(self) -> bytes:
+        """Return the chunk with its index."""
         fields = [
             (b"op", CHUNK),
             (b"compression", b"none"),
             (b"size", UINT32.pack(self.length)),
         ]
-        file.write(_record(fields, b"".join(self._parts)))
-        counts = []
+        records = [_record(fields, b"".join(self._parts))]
         for number, entries in self._entries.items():
             fields = [
                 (b"op", INDEX),
@@ -147,7 +165,13 @@ class _Chunk:
                 (b"conn", UINT32.pack(number)),
                 (b"count", UINT32.pack(len(entries))),
             ]
-            file.write(_record(fields, b"".join(entries)))
+            records.append(_record(fields, b"".join(entries)))
+        return b"".join(records)
+
+    def info(self, position: int) -> bytes:
+        """Return the record that describes the chunk at a position of the file."""
+        counts = []
+        for number, entries in self._entries.items():
             counts.append(UINT32.pack(number) + UINT32.pack(len(entries)))
         fields = [
             (b"op", CHUNK_INFO),
