@@ -95,7 +95,8 @@ def stream_messages(
     position += file.write(_file_header(0, 0, 0))
     for chunk in _chunks(messages, connections):
         chunk_infos.append(chunk.info(position))
-        position += file.write(chunk.record())
+        for part in chunk.parts():
+            position += file.write(part)
     return connections, chunk_infos
 
 
@@ -150,14 +151,15 @@ class _Chunk:
         self._parts.append(part)
         self.length += len(part)
 
-    def record(self) -> bytes:
-        """Return the chunk with its index."""
+    def parts(self) -> Iterator[bytes]:
+        """Yield the chunk and its index."""
         fields = [
             (b"op", CHUNK),
             (b"compression", b"none"),
             (b"size", UINT32.pack(self.length)),
         ]
-        records = [_record(fields, b"".join(self._parts))]
+        yield _record_head(fields, self.length)
+        yield from self._parts
         for number, entries in self._entries.items():
             fields = [
                 (b"op", INDEX),
@@ -165,8 +167,7 @@ class _Chunk:
                 (b"conn", UINT32.pack(number)),
                 (b"count", UINT32.pack(len(entries))),
             ]
-            records.append(_record(fields, b"".join(entries)))
-        return b"".join(records)
+            yield _record(fields, b"".join(entries))
 
     def info(self, position: int) -> bytes:
         """Return the record that describes the chunk at a position of the file."""
@@ -221,8 +222,13 @@ def _packed(fields: Sequence[Tuple[bytes, bytes]]) -> bytes:
 
 
 def _record(fields: Sequence[Tuple[bytes, bytes]], data: bytes) -> bytes:
+    return _record_head(fields, len(data)) + data
+
+
+def _record_head(fields: Sequence[Tuple[bytes, bytes]], length: int) -> bytes:
+    """Return the beginning of a record, before data of a length."""
     header = _packed(fields)
-    return b"".join((UINT32.pack(len(header)), header, UINT32.pack(len(data)), data))
+    return UINT32.pack(len(header)) + header + UINT32.pack(length)
 
 
 # -- reading ---------------------------------------------------------------------------------------
