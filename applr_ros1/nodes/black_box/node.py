@@ -61,11 +61,9 @@ MOST_MINUTES = 10.0  # longest time that can be kept [min]
 NO_ROBOT = "none"  # value of ~robot of a robot without a description
 FOUND = "auto"  # value of a topic's parameter that is found
 TEXT_M = 0.15  # height of the letters in RViz [m]
-# Options of glibc's mallopt (malloc.h): largest number of arenas, and size from which on memory goes
-# back to the system as soon as it is freed [bytes]
-M_ARENA_MAX = -8
-M_MMAP_THRESHOLD = -3
-LARGE_BYTES = 1_000_000
+M_ARENA_MAX = -8  # option of glibc's mallopt (malloc.h): largest number of arenas
+M_MMAP_THRESHOLD = -3  # option of mallopt: size from which on what is freed leaves the process
+LARGE_BYTES = 1_000_000  # this size [bytes]
 ANSWER = [sys.executable, "-m", "applr_ros1.nodes.black_box.answer"]
 
 

@@ -92,6 +92,12 @@ class Box:
             raw = RawMessage(arrival, ODOMETRY, str(arrival).encode())
             self.box.take(raw, TopicSource(message.key, {}), lambda message=message: message)
 
+    def take_scan(self, seconds):
+        """Let a scan come some time after the begin [s], and return it."""
+        scan = RawMessage(round((BEGIN_S + seconds) * SECOND), SCAN, b"scan")
+        self.box.take(scan, TopicSource("scans", {}), lambda: None)
+        return scan
+
     def look(self, now):
         """Look at a time by the robot's clock [s]."""
         output = self.box.look(now)
@@ -171,11 +177,15 @@ def test_somebody_may_ask_to_save():
     assert box.box.stop_count == 1
     # The next bag has a time that the first one does not have.
     assert box.box.save(BEGIN_S + 11.9) == "1"
-    # A stop that is not written yet does not answer somebody who asks.
-    box.drive(STANDS * 2, begin=12.0)
-    assert [stop.kind for stop, _ in box.process.asked[1:]] == ["was asked to save", "stood"]
-    box.drive(DRIVES * 4, begin=18.0)
-    assert list(box.folder.saved) == ["0", "1", "2"]
+
+
+def test_the_bag_of_a_stop_is_not_that_of_somebody_who_asks():
+    box = Box()
+    box.drive(DRIVES + STANDS * 2)
+    assert box.box.save(BEGIN_S + 9.0) == "1"
+    box.drive(DRIVES * 4, begin=9.0)
+    assert list(box.folder.saved) == ["0", "1"]
+    assert [stop.kind for stop, _ in box.process.asked] == ["stood", "was asked to save"]
 
 
 def test_without_messages_a_save_is_lost_in_one_line():
@@ -190,10 +200,13 @@ def test_a_clock_that_jumps_back_loses_no_stop_that_was_found():
     box = Box()
     box.drive(DRIVES + STANDS * 2)
     assert len(box.process.asked) == 1
+    box.take_scan(9.0)
     # The bag has what came until the jump.
     box.drive(DRIVES, begin=-100.0)
+    # It is one jump for all topics.
+    box.take_scan(-97.0)
     (saved_messages,) = box.folder.saved.values()
-    assert saved_messages[-1].time / SECOND == pytest.approx(BEGIN_S + 8.95, abs=0.1)
+    assert saved_messages[-1].time / SECOND == pytest.approx(BEGIN_S + 9.0, abs=0.1)
     # Stops are found as before, and their bags have the new time alone.
     box.drive(STANDS * 3 + DRIVES * 4, begin=-97.0)
     assert len(box.process.asked) == 2
@@ -206,10 +219,8 @@ def test_a_clock_that_jumps_back_loses_no_stop_that_was_found():
 def test_a_message_that_waited_on_a_busy_computer_is_no_clock_that_jumps_back():
     box = Box()
     box.drive(DRIVES * 10)
-    source = TopicSource("scans", {})
     # The scan came before the last odometry, whose thread was faster.
-    scan = RawMessage(round((BEGIN_S + 27.0) * SECOND), SCAN, b"scan")
-    box.box.take(scan, source, lambda: None)
+    scan = box.take_scan(27.0)
     box.drive(STANDS * 2, begin=30.0)
     ((stop, messages),) = box.process.asked
     assert stop.kind == "stood"
@@ -234,7 +245,10 @@ def test_a_message_that_cannot_be_unpacked_is_kept_for_the_answer():
 def test_what_somebody_asked_to_save_is_kept_when_the_clock_jumps_back_at_once():
     box = Box()
     box.drive(DRIVES * 2)
-    box.box.save(BEGIN_S + 5.9)
+    assert box.box.save(BEGIN_S + 5.9) == "0"
+    box.drive(DRIVES[:1], begin=-100.0, first_look=10.0)
+    # This moment is not in the first bag.
+    assert box.box.save(BEGIN_S - 100.0) == "1"
     box.drive(DRIVES, begin=-100.0, first_look=0.5)
     (saved_messages,) = box.folder.saved.values()
     # The bag has what came until the jump.

@@ -95,6 +95,8 @@ def bag_without_description(path):
 
 
 FOREIGN = {
+    # A bag that somebody has renamed
+    "stop_by_the_door.bag": lambda path: path.write_bytes(path.with_name(bag_of(0)).read_bytes()),
     # Names that are not of the black box's form, or are too large for a process
     "stop_sign_training.bag": Path.touch,
     f"{bag_of(1)}.99999999999999999999.partial": Path.touch,
