@@ -211,6 +211,8 @@ class BlackBoxNode:
                 header.get("latching") == "1",
             )
         raw = RawMessage(rospy.get_rostime().to_nsec(), publication, message._buff)
+        # rospy keeps the message until the publisher's next one, also if the box does not.
+        message._buff = b""
         unpacked = partial(_unpacked, raw, source)
         try:
             box.take(raw, source, unpacked)
