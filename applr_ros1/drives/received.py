@@ -20,6 +20,7 @@ from typing import (
     NamedTuple,
     Optional,
     Sequence,
+    Tuple,
 )
 
 import numpy as np
@@ -47,24 +48,6 @@ class TopicSource(NamedTuple):
 
     key: str
     part: Row
-
-
-class Serialised(NamedTuple):
-    """Message as it was recorded.
-
-    Attributes:
-        time: When it came [ns].
-        topic: Its topic.
-        data: The serialised message of ROS 1.
-        digest: MD5 sum of its definition.
-        deserialized: Returns it as an object, which takes long for a path.
-    """
-
-    time: int
-    topic: str
-    data: bytes
-    digest: str
-    deserialized: Callable[[], Any]
 
 
 class Received(NamedTuple):
@@ -101,40 +84,30 @@ def sources_of(
     return sources
 
 
-def all_received(
-    messages: Iterable[Serialised], sources: Mapping[str, TopicSource], name: str
-) -> List[Received]:
+def all_received(calls: Iterable[Tuple[str, Callable[[], Received]]], name: str) -> List[Received]:
     """Return messages with their rows. Those that cannot be unpacked are left out and logged.
 
     Args:
-        messages: The messages; topics without a source are skipped.
-        sources: Sources by topic.
+        calls: Topic of each message, and a call of `received`.
         name: Name of the drive, for the log.
 
     Raises:
         ApplrError: The messages of a topic cannot be read at all.
     """
-    received_messages = []
+    messages = []
     left_out: Counter[str] = Counter()
-    for message in messages:
-        source = sources.get(message.topic)
-        if source is None:
-            continue
+    for topic, receive in calls:
         try:
-            received_message = received(
-                message.time, source, message.data, message.digest, message.deserialized
-            )
+            messages.append(receive())
         except ApplrError:
             raise
         except Exception:
             # Whatever fails on a message that was cut, the others are whole.
-            left_out[message.topic] += 1
-            continue
-        received_messages.append(received_message)
+            left_out[topic] += 1
     if left_out:
         counts = [f"{count} on {topic}" for topic, count in left_out.items()]
         _LOGGER.warning("%s: messages cut or damaged, left out: %s", name, ", ".join(counts))
-    return received_messages
+    return messages
 
 
 def received(

@@ -13,7 +13,7 @@ from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, BinaryIO, Dict, Iterable, Optional, Sequence
 
-from applr_ros1.why.black_box.bag_file import RawMessage, stream_messages
+from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
 from applr_ros1.why.black_box.stops import RobotStop
 
 NICE = "10"  # priority of the process, far behind the control loop
@@ -111,10 +111,10 @@ class _Job:
         self.begin_time = time.monotonic()
 
 
-def write_job(file: BinaryIO, stop: RobotStop, messages: Iterable[RawMessage]) -> None:
+def write_job(pipe: BinaryIO, stop: RobotStop, messages: Iterable[RawMessage]) -> None:
     """Write what the process reads to a pipe: a line with the stop, and a bag."""
-    file.write(json.dumps(stop).encode() + b"\n")
-    stream_messages(file, messages)
+    pipe.write(json.dumps(stop).encode() + b"\n")
+    write_messages(pipe, messages)
 
 
 def stop_of(line: bytes) -> RobotStop:
@@ -126,9 +126,9 @@ def stop_of(line: bytes) -> RobotStop:
 def _send(
     process: subprocess.Popen[bytes], stop: RobotStop, messages: Iterable[RawMessage]
 ) -> None:
-    assert process.stdin is not None
-    with suppress(OSError), process.stdin:  # It was ended for the next stop.
-        write_job(process.stdin, stop, messages)
+    pipe: Any = process.stdin
+    with suppress(OSError), pipe:  # The process was ended for the next stop.
+        write_job(pipe, stop, messages)
 
 
 def _listen(process: subprocess.Popen[bytes], answers: SimpleQueue[Dict[str, Any]]) -> None:

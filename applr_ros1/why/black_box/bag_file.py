@@ -69,42 +69,15 @@ class RawMessage(NamedTuple):
 
 # -- writing ---------------------------------------------------------------------------------------
 def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
-    """Write messages in order of time as a bag to a seekable file at its begin."""
-    connections, chunk_infos = stream_messages(file, messages)
-    # Connections and chunks once more at the end, where readers look for them
-    index_position = file.tell()
-    for publication, number in connections.items():
-        file.write(_connection(number, publication))
-    for chunk_info in chunk_infos:
-        file.write(chunk_info)
-    file.seek(len(MAGIC))
-    file.write(_file_header(index_position, len(connections), len(chunk_infos)))
+    """Write messages in order of time as a bag to a file at its begin, or to a pipe.
 
-
-def stream_messages(
-    file: BinaryIO, messages: Iterable[RawMessage]
-) -> Tuple[Dict[Publication, int], List[bytes]]:
-    """Write messages as a bag without its index, also to a pipe. read_messages needs no index.
-
-    Returns:
-        Number of each publication, and the records that describe the chunks.
+    In a pipe, the bag's first record does not say where its index is. read_messages needs no index.
     """
     connections: Dict[Publication, int] = {}
     chunk_infos: List[bytes] = []
     position = file.write(MAGIC)
     position += file.write(_file_header(0, 0, 0))
-    for chunk in _chunks(messages, connections):
-        chunk_infos.append(chunk.info(position))
-        for part in chunk.parts():
-            position += file.write(part)
-    return connections, chunk_infos
-
-
-def _chunks(
-    messages: Iterable[RawMessage], connections: Dict[Publication, int]
-) -> Iterator[_Chunk]:
-    """Yield messages in chunks, and number their publications in `connections`."""
-    chunk = _Chunk()
+    chunk = _Chunk(position)
     for message in messages:
         number = connections.get(message.publication)
         if number is None:
@@ -112,21 +85,35 @@ def _chunks(
             chunk.add_connection(number, message.publication)
         chunk.add_message(number, message)
         if chunk.length >= CHUNK_BYTES:
-            yield chunk
-            chunk = _Chunk()
+            chunk_infos.append(chunk.written_to(file))
+            chunk = _Chunk(chunk.end)
     if chunk.length:
-        yield chunk
+        chunk_infos.append(chunk.written_to(file))
+
+    # Connections and chunks once more at the end, where readers look for them
+    for publication, number in connections.items():
+        file.write(_connection(number, publication))
+    for chunk_info in chunk_infos:
+        file.write(chunk_info)
+    if file.seekable():
+        file.seek(len(MAGIC))
+        file.write(_file_header(chunk.end, len(connections), len(chunk_infos)))
 
 
 class _Chunk:
     """Part of a bag with some messages and the connections that are new in it.
 
+    Args:
+        position: Its position in the bag [bytes].
+
     Attributes:
         length: Number of bytes so far.
+        end: Position after what is written of it [bytes].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, position: int) -> None:
         self.length = 0
+        self.end = position
         self._parts: List[bytes] = []
         self._entries: DefaultDict[int, List[bytes]] = defaultdict(list)
         self._times: List[int] = []
@@ -151,15 +138,19 @@ class _Chunk:
         self._parts.append(part)
         self.length += len(part)
 
-    def parts(self) -> Iterator[bytes]:
-        """Yield the chunk and its index."""
+    def written_to(self, file: BinaryIO) -> bytes:
+        """Write the chunk with its index, and return the record that describes it."""
+        position = self.end
         fields = [
             (b"op", CHUNK),
             (b"compression", b"none"),
             (b"size", UINT32.pack(self.length)),
         ]
-        yield _record_head(fields, self.length)
-        yield from self._parts
+        self.end += file.write(_record_head(fields, self.length))
+        # Without a copy of the whole chunk
+        for part in self._parts:
+            self.end += file.write(part)
+        counts = []
         for number, entries in self._entries.items():
             fields = [
                 (b"op", INDEX),
@@ -167,12 +158,7 @@ class _Chunk:
                 (b"conn", UINT32.pack(number)),
                 (b"count", UINT32.pack(len(entries))),
             ]
-            yield _record(fields, b"".join(entries))
-
-    def info(self, position: int) -> bytes:
-        """Return the record that describes the chunk at a position of the file."""
-        counts = []
-        for number, entries in self._entries.items():
+            self.end += file.write(_record(fields, b"".join(entries)))
             counts.append(UINT32.pack(number) + UINT32.pack(len(entries)))
         fields = [
             (b"op", CHUNK_INFO),

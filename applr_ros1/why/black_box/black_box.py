@@ -94,7 +94,7 @@ class BlackBox:
         self._routes = RouteFilter()
         self._asked: List[PendingBag] = []
         self._pending: List[PendingBag] = []
-        self._latest_times: Dict[Publication, int] = {}  # of each publication [ns]
+        self._latest_times: Dict[Publication, int] = {}  # time of each one's latest message [ns]
         self.stop_count = 0
         self.lost_count = 0
         self.problem = ""

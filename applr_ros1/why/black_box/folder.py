@@ -77,7 +77,7 @@ class StopFolder:
         """Remove what processes that were killed have left."""
         for path in self.path.iterdir():
             match = re.fullmatch(PARTIAL_NAME, path.name)
-            if match and _is_regular(path) and not _is_running(int(match[1])):
+            if match and _is_regular(path) and not Path("/proc", match[1]).exists():
                 path.unlink()
 
     def _with_room(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
@@ -96,14 +96,12 @@ class StopFolder:
     def _remove_oldest(self, newest: Path) -> None:
         """Remove the oldest bags beyond the limits, never the newest one."""
         bags = self._bags()
-        sizes = {path: path.stat().st_size for path in bags}
-        for path in bags:
-            is_within = len(sizes) <= self._most_stops and sum(sizes.values()) <= self._most_bytes
-            if is_within:
-                return
-            if path != newest:
-                path.unlink()
-                del sizes[path]
+        size = sum(path.stat().st_size for path in bags)
+        bags.remove(newest)
+        while bags and (len(bags) >= self._most_stops or size > self._most_bytes):
+            oldest = bags.pop(0)
+            size -= oldest.stat().st_size
+            oldest.unlink()
 
 
 def _is_own(path: Path) -> bool:
@@ -120,14 +118,3 @@ def _is_own(path: Path) -> bool:
 def _is_regular(path: Path) -> bool:
     """Return whether a path is a file itself, and no link to one."""
     return path.is_file() and not path.is_symlink()
-
-
-def _is_running(pid: int) -> bool:
-    """Return whether a process of this machine has a number."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # It is another user's.
-        return True
-    return True
