@@ -18,7 +18,6 @@ from applr_ros1.nodes.black_box import node as node_module
 from applr_ros1.nodes.black_box.messages import deserialize
 from applr_ros1.nodes.black_box.node import BlackBoxNode, marker_of, names_of, stop_message
 from applr_ros1.robots import JACKAL
-from applr_ros1.why.black_box.answer_process import write_job
 from applr_ros1.why.black_box.answering import StopAnswer
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
@@ -26,7 +25,7 @@ from applr_ros1.why.black_box.description import DescribedRobot, text_of
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.stops import RobotStop
 from tests.support import HANGS, ROOT
-from tests.support.raw_messages import raw_messages
+from tests.support.raw_messages import job_of, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
 ANSWER = StopAnswer(
@@ -187,12 +186,10 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     serialised = len(text).to_bytes(4, "little") + text
     description = RawMessage(messages[0].time, DESCRIPTION, serialised)
     stop = RobotStop("crept", 3.0, 9.0, (0.5, 0.25))
-    job = io.BytesIO()
-    write_job(job, stop, [description, *messages])
 
     answered = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=job.getvalue(),
+        input=job_of(stop, [description, *messages]),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,
@@ -204,11 +201,9 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     assert answer["reason"].startswith("no faster way is sampled than 0.10 m/s")
     assert answer["parameter"] == f"{PLANNER}/vx_samples"
     # What cannot be answered ends in one line.
-    job = io.BytesIO()
-    write_job(job, stop, messages)
     refused = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=job.getvalue(),
+        input=job_of(stop, messages),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,

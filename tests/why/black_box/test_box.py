@@ -1,6 +1,5 @@
 """Tests of the black box without ROS: what it keeps, writes and asks, and when."""
 
-import io
 import sys
 import time
 
@@ -11,13 +10,14 @@ from applr_ros1.drives.columns import SECOND, TopicNames
 from applr_ros1.drives.received import TopicSource
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box import answer_process
-from applr_ros1.why.black_box.answer_process import AnswerProcess, stop_of, write_job
+from applr_ros1.why.black_box.answer_process import AnswerProcess, stop_of
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage, read_messages
 from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
 from applr_ros1.why.black_box.ring import Ring
 from applr_ros1.why.black_box.stops import RobotStop
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
+from tests.support.raw_messages import job_of
 from tests.why.black_box.test_stops import BEGIN_S, messages_of
 
 STOP = RobotStop("stood", 3.0, 8.0, (1.0, 2.0))
@@ -285,9 +285,7 @@ def answer_within(process, seconds):
 
 
 def test_a_job_is_a_stop_and_a_bag():
-    file = io.BytesIO()
-    write_job(file, STOP, iter(MESSAGES))
-    line, _, bag = file.getvalue().partition(b"\n")
+    line, _, bag = job_of(STOP, iter(MESSAGES)).partition(b"\n")
     assert stop_of(line) == STOP
     assert list(read_messages(bag)) == MESSAGES
 
