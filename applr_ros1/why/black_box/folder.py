@@ -95,9 +95,8 @@ class StopFolder:
 
     def _remove_oldest(self, newest: Path) -> None:
         """Remove the oldest bags beyond the limits, never the newest one."""
-        bags = self._bags()
-        size = sum(path.stat().st_size for path in bags)
-        bags.remove(newest)
+        bags = [path for path in self._bags() if path != newest]
+        size = sum(path.stat().st_size for path in (newest, *bags))
         while bags and (len(bags) >= self._most_stops or size > self._most_bytes):
             oldest = bags.pop(0)
             size -= oldest.stat().st_size
