@@ -7,7 +7,7 @@ import json
 import os
 import re
 import traceback
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Dict, Iterator
 from xml.etree.ElementTree import ParseError
@@ -91,14 +91,18 @@ def written_whole(path: Any) -> Iterator[BinaryIO]:
         raise ApplrError(f"{path}: a folder, pipe or device; give the path of a regular file")
     partial_path = f"{path}.{os.getpid()}{PARTIAL}"
     try:
-        with open(partial_path, "wb") as partial_file:
+        # A process that was killed may have left a file of this name. A link or pipe that somebody
+        # put there must not be opened: only a new file is.
+        if os.path.lexists(partial_path):
+            os.unlink(partial_path)
+        with open(partial_path, "xb") as partial_file:
             yield partial_file
             # Without fsync, a power failure after the renaming could leave an empty file.
             partial_file.flush()
             os.fsync(partial_file.fileno())
         os.replace(partial_path, path)
     except BaseException as problem:
-        if os.path.exists(partial_path):
+        with suppress(OSError):
             os.unlink(partial_path)
         if not isinstance(problem, OSError):
             raise

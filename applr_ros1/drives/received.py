@@ -5,7 +5,8 @@ The reader of bags (training/bags) and the black box call it. It needs neither R
 
 from __future__ import annotations
 
-from collections import defaultdict
+import logging
+from collections import Counter, defaultdict
 from fnmatch import fnmatchcase
 from typing import (
     Any,
@@ -13,15 +14,18 @@ from typing import (
     Collection,
     DefaultDict,
     Dict,
+    Iterable,
     List,
     Mapping,
     NamedTuple,
     Optional,
     Sequence,
+    Tuple,
 )
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import paths
 from applr_ros1.drives.bag import UnpackedRow, drive_of
 from applr_ros1.drives.columns import COLUMNS, SECOND, Row, TopicNames, column_of, topic_of
@@ -30,6 +34,7 @@ from applr_ros1.drives.outcome import nearest
 from applr_ros1.drives.robot_time import RecordedStamp, RobotTime
 from applr_ros1.robots import Robot
 
+_LOGGER = logging.getLogger(__name__)
 SENSORS = ("odometry", "scans")  # columns whose stamps may set the robot's time
 
 
@@ -77,6 +82,32 @@ def sources_of(
                     part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
                 sources[topic] = TopicSource(key, part)
     return sources
+
+
+def all_received(calls: Iterable[Tuple[str, Callable[[], Received]]], name: str) -> List[Received]:
+    """Return messages with their rows. Those that cannot be unpacked are left out and logged.
+
+    Args:
+        calls: Topic of each message, and a call of `received`.
+        name: Name of the drive, for the log.
+
+    Raises:
+        ApplrError: The messages of a topic cannot be read at all.
+    """
+    messages = []
+    left_out: Counter[str] = Counter()
+    for topic, receive in calls:
+        try:
+            messages.append(receive())
+        except ApplrError:
+            raise
+        except Exception:
+            # Whatever fails on a message that was cut, the others are whole.
+            left_out[topic] += 1
+    if left_out:
+        counts = [f"{count} on {topic}" for topic, count in left_out.items()]
+        _LOGGER.warning("%s: messages cut or damaged, left out: %s", name, ", ".join(counts))
+    return messages
 
 
 def received(

@@ -8,6 +8,8 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -87,6 +89,17 @@ def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
         refused(lambda path=not_a_file: files.write_bytes(path, b""), "a folder, pipe or device")
     # A file renamed to its name would have replaced the pipe.
     assert (tmp_path / "pipe").is_fifo()
+    # What stands under the temporary name is removed, and neither opened nor followed.
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"precious")
+    partial_name = f"file.{os.getpid()}.partial"
+    for plant in (os.mkfifo, partial(os.symlink, victim), Path.touch):
+        plant(tmp_path / partial_name)
+        files.write_bytes(tmp_path / "file", b"content")
+        assert files.read_bytes(tmp_path / "file") == b"content"
+    assert victim.read_bytes() == b"precious"
+    (tmp_path / partial_name).mkdir()
+    refused(lambda: files.write_bytes(tmp_path / "file", b""), "file: cannot be written")
     (tmp_path / "text").write_text("{")
     refused(lambda: files.read_json(tmp_path / "text"), "text: cannot be read .*line 1")
     refused(lambda: files.read_json(tmp_path / "none"), "none: .*No such file")

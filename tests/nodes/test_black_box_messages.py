@@ -18,7 +18,6 @@ from applr_ros1.nodes.black_box import node as node_module
 from applr_ros1.nodes.black_box.messages import deserialize
 from applr_ros1.nodes.black_box.node import BlackBoxNode, marker_of, names_of, stop_message
 from applr_ros1.robots import JACKAL
-from applr_ros1.why.black_box.answer_process import job_of
 from applr_ros1.why.black_box.answering import StopAnswer
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import DESCRIPTION
@@ -26,7 +25,7 @@ from applr_ros1.why.black_box.description import DescribedRobot, text_of
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.stops import RobotStop
 from tests.support import HANGS, ROOT
-from tests.support.raw_messages import raw_messages
+from tests.support.raw_messages import job_of, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
 ANSWER = StopAnswer(
@@ -133,14 +132,33 @@ def status_after_a_look(node, monkeypatch):
     return status.message, {value.key: value.value for value in status.values}
 
 
-def test_parameters_of_another_node_are_a_problem_and_no_end(node, parameters, monkeypatch):
+def nested(depth):
+    """Return sections in sections."""
+    section = {}
+    for _ in range(depth):
+        section = {"section": section}
+    return section
+
+
+@pytest.mark.parametrize(
+    ("parameters", "problem"),
+    [
+        ({"robot": "nobody"}, "robot nobody: give "),
+        (5, "AttributeError: 'int' object has no "),
+        (nested(2000), "RecursionError: "),
+    ],
+    ids=["robot", "number", "levels"],
+)
+def test_parameters_of_another_node_are_a_problem_and_no_end(
+    parameters, problem, node, monkeypatch
+):
     """The launch file would start the node again and again."""
-    parameters["robot"] = "nobody"
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
 
     text, values = status_after_a_look(node, monkeypatch)
-    assert text.startswith("/move_base: robot nobody: give ")
+    assert text.startswith(f"/move_base: {problem}")
     assert "stops" not in values, "nothing is watched yet"
-    parameters["robot"] = "jackal"
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: {"robot": "jackal"})
     text, values = status_after_a_look(node, monkeypatch)
     assert text == "keeps the last minutes"
     assert values["stops"] == "0"
@@ -240,10 +258,14 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     text = text_of(DescribedRobot(robot, TopicNames.of(robot), True)).encode()
     serialised = len(text).to_bytes(4, "little") + text
     description = RawMessage(messages[0].time, DESCRIPTION, serialised)
-    job = job_of(RobotStop("crept", 3.0, 9.0, (0.5, 0.25)), [description, *messages])
+    stop = RobotStop("crept", 3.0, 9.0, (0.5, 0.25))
 
     answered = subprocess.run(
-        [sys.executable, "-c", PROGRAM], input=job, capture_output=True, cwd=ROOT, timeout=HANGS
+        [sys.executable, "-c", PROGRAM],
+        input=job_of(stop, [description, *messages]),
+        capture_output=True,
+        cwd=ROOT,
+        timeout=HANGS,
     )
 
     assert answered.returncode == 0, answered.stderr
@@ -254,7 +276,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     # What cannot be answered ends in one line.
     refused = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=job_of(RobotStop("crept", 3.0, 9.0, (0.5, 0.25)), messages),
+        input=job_of(stop, messages),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,

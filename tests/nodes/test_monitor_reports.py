@@ -31,18 +31,20 @@ def test_a_stop_is_reported_before_odometry_that_contradicts_the_pose(
     verdict, silence, odometry_problem, status
 ):
     reports = MonitorReports([PASS, BRAKE, SLOW, STOP])
-    assert reports.status(verdict, silence, odometry_problem) == status
+    assert reports.status(verdict, silence, odometry_problem, 100.0) == status
 
 
-def test_a_stray_laser_is_reported_until_the_clock_jumps():
+def test_a_stray_laser_is_a_problem_for_a_minute():
     reports = MonitorReports([PASS])
     stray = SimpleNamespace(frame="stray", count=3)
-    line = reports.let_go(stray, "/stray_driver", "/scan")
+    line = reports.let_go(stray, "/stray_driver", "/scan", 100.0)
     assert line.startswith("/stray_driver has sent no scan of frame 'stray' on /scan for 5 s (3 ")
-    assert reports.status(PASSES, RECENT_S, "") == (True, line)
-    assert reports.status(PASSES, RECENT_S, CONTRADICTS) == (True, CONTRADICTS)
-    reports.forget()
-    assert reports.status(PASSES, RECENT_S, "") == (False, "commands pass")
+    assert reports.status(PASSES, RECENT_S, "", 159.0) == (True, line)
+    assert reports.status(PASSES, RECENT_S, CONTRADICTS, 159.0) == (True, CONTRADICTS)
+    assert reports.status(PASSES, RECENT_S, "", 161.0) == (False, "commands pass")
+    # Another one begins the minute anew.
+    reports.let_go(stray, "/stray_driver", "/scan", 170.0)
+    assert reports.status(PASSES, RECENT_S, "", 229.0) == (True, line)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,10 @@
 """Serialised messages of drives, as they come to the black box, without ROS."""
 
+import io
+
 from rosbags.rosbag1 import Reader
 
+from applr_ros1.why.black_box.answer_process import write_job
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from training.bags.maker import Maker
 from training.bags.write import write
@@ -23,6 +26,20 @@ def raw_messages(path, drive, **options):
             )
             messages.append(RawMessage(time, publication, bytes(data)))
     return messages
+
+
+class Pipe(io.BytesIO):
+    """Pipe that keeps what is written to it."""
+
+    def seekable(self):
+        return False
+
+
+def job_of(stop, messages):
+    """Return what the process that answers reads."""
+    pipe = Pipe()
+    write_job(pipe, stop, messages)
+    return pipe.getvalue()
 
 
 def deserialize(publication, data):

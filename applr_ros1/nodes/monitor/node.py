@@ -152,7 +152,6 @@ class CollisionMonitorNode:
             self.monitor.reset()
             self._broadcaster.forget()
             self._commanded = rospy.Time(0)
-            self._reports.forget()
             if self._planner is not None:
                 self._planner.forget()
         for topic, scan in self.sensors.observations().items():
@@ -161,7 +160,9 @@ class CollisionMonitorNode:
             for stray in self.monitor.strays:
                 assert stray.frame is not None
                 publisher = self.sensors.publisher_of(topic, stray.frame)
-                line = self._reports.let_go(stray, publisher, rospy.resolve_name(topic))
+                resolved_topic = rospy.resolve_name(topic)
+                now = time.monotonic()
+                line = self._reports.let_go(stray, publisher, resolved_topic, now)
                 rospy.logerr(f"collision monitor: {line}")
 
     @property
@@ -308,9 +309,10 @@ class CollisionMonitorNode:
     def _report(self) -> None:
         """Publish diagnostics."""
         verdict = self._verdict
-        silence = time.monotonic() - self._commanded_wall
+        wall_now = time.monotonic()
+        silence = wall_now - self._commanded_wall
         odometry_problem = self.sensors.odometry_problem
-        has_problem, message = self._reports.status(verdict, silence, odometry_problem)
+        has_problem, message = self._reports.status(verdict, silence, odometry_problem, wall_now)
         level = DiagnosticStatus.WARN if has_problem else DiagnosticStatus.OK
         now = rospy.get_rostime()
         values = {

@@ -5,14 +5,13 @@ The messages go to it through a pipe, so that it needs no disk. It prints an ans
 
 from __future__ import annotations
 
-import io
 import json
 import subprocess
 import threading
 import time
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, BinaryIO, Dict, Iterable, Optional, Sequence
 
 from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
 from applr_ros1.why.black_box.stops import RobotStop
@@ -27,7 +26,7 @@ class AnswerProcess:
     """Starts the process for a stop, and ends it if the next stop comes.
 
     Args:
-        command: Command that reads a stop and a bag, and prints answers (job_of).
+        command: Command that reads a stop and a bag, and prints answers (write_job).
     """
 
     def __init__(self, command: Sequence[str]):
@@ -39,12 +38,12 @@ class AnswerProcess:
         """True while the process answers."""
         return self._job is not None and self._job.process.poll() is None
 
-    def ask(self, stop: RobotStop, messages: Sequence[RawMessage]) -> bool:
+    def ask(self, stop: RobotStop, messages: Iterable[RawMessage]) -> bool:
         """Start the process for a stop.
 
         Args:
             stop: The stop.
-            messages: Messages around it.
+            messages: Messages around it, which are taken while they are sent.
 
         Returns:
             Whether the answer to the stop before is dropped for this one.
@@ -112,11 +111,10 @@ class _Job:
         self.begin_time = time.monotonic()
 
 
-def job_of(stop: RobotStop, messages: Sequence[RawMessage]) -> bytes:
-    """Return what the process reads: a line with the stop, and a bag."""
-    file = io.BytesIO()
-    write_messages(file, messages)
-    return json.dumps(stop).encode() + b"\n" + file.getvalue()
+def write_job(pipe: BinaryIO, stop: RobotStop, messages: Iterable[RawMessage]) -> None:
+    """Write what the process reads to a pipe: a line with the stop, and a bag."""
+    pipe.write(json.dumps(stop).encode() + b"\n")
+    write_messages(pipe, messages)
 
 
 def stop_of(line: bytes) -> RobotStop:
@@ -126,12 +124,11 @@ def stop_of(line: bytes) -> RobotStop:
 
 
 def _send(
-    process: subprocess.Popen[bytes], stop: RobotStop, messages: Sequence[RawMessage]
+    process: subprocess.Popen[bytes], stop: RobotStop, messages: Iterable[RawMessage]
 ) -> None:
-    assert process.stdin is not None
-    with suppress(OSError):  # It was ended for the next stop.
-        process.stdin.write(job_of(stop, messages))
-        process.stdin.close()
+    pipe: Any = process.stdin
+    with suppress(OSError), pipe:  # The process was ended for the next stop.
+        write_job(pipe, stop, messages)
 
 
 def _listen(process: subprocess.Popen[bytes], answers: SimpleQueue[Dict[str, Any]]) -> None:

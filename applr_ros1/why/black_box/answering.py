@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.received import drive_from, received, sources_of
+from applr_ros1.drives.received import all_received, drive_from, received, sources_of
 from applr_ros1.why import events
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import best_guess
@@ -170,19 +170,14 @@ def _drive(
 ) -> Drive:
     """Return the drive in messages."""
     sources = sources_of(_types(messages), described_robot.topics, CHANNELS)
-    received_messages = []
-    for message in messages:
-        source = sources.get(message.publication.topic)
-        if source is None:
-            continue
-        received_message = received(
-            message.time,
-            source,
-            message.data,
-            message.publication.md5sum,
-            partial(deserialize, message.publication, message.data),
-        )
-        received_messages.append(received_message)
+    calls = []
+    for time, publication, data in messages:
+        source = sources.get(publication.topic)
+        if source is not None:
+            deserialized = partial(deserialize, publication, data)
+            receive = partial(received, time, source, data, publication.md5sum, deserialized)
+            calls.append((publication.topic, receive))
+    received_messages = all_received(calls, "stop")
     drive = drive_from(received_messages, described_robot.robot)
     drive.name = "stop"
     return with_planned(drive)

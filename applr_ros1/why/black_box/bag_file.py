@@ -69,12 +69,15 @@ class RawMessage(NamedTuple):
 
 # -- writing ---------------------------------------------------------------------------------------
 def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
-    """Write messages in order of time as a bag to a seekable file at its begin."""
+    """Write messages in order of time as a bag to a file at its begin, or to a pipe.
+
+    In a pipe, the bag's first record does not say where its index is. read_messages needs no index.
+    """
     connections: Dict[Publication, int] = {}
     chunk_infos: List[bytes] = []
-    file.write(MAGIC)
-    file.write(_file_header(0, 0, 0))
-    chunk = _Chunk()
+    position = file.write(MAGIC)
+    position += file.write(_file_header(0, 0, 0))
+    chunk = _Chunk(position)
     for message in messages:
         number = connections.get(message.publication)
         if number is None:
@@ -83,29 +86,34 @@ def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
         chunk.add_message(number, message)
         if chunk.length >= CHUNK_BYTES:
             chunk_infos.append(chunk.written_to(file))
-            chunk = _Chunk()
+            chunk = _Chunk(chunk.end)
     if chunk.length:
         chunk_infos.append(chunk.written_to(file))
 
     # Connections and chunks once more at the end, where readers look for them
-    index_position = file.tell()
     for publication, number in connections.items():
         file.write(_connection(number, publication))
     for chunk_info in chunk_infos:
         file.write(chunk_info)
-    file.seek(len(MAGIC))
-    file.write(_file_header(index_position, len(connections), len(chunk_infos)))
+    if file.seekable():
+        file.seek(len(MAGIC))
+        file.write(_file_header(chunk.end, len(connections), len(chunk_infos)))
 
 
 class _Chunk:
     """Part of a bag with some messages and the connections that are new in it.
 
+    Args:
+        position: Its position in the bag [bytes].
+
     Attributes:
         length: Number of bytes so far.
+        end: Position after what is written of it [bytes].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, position: int) -> None:
         self.length = 0
+        self.end = position
         self._parts: List[bytes] = []
         self._entries: DefaultDict[int, List[bytes]] = defaultdict(list)
         self._times: List[int] = []
@@ -132,13 +140,16 @@ class _Chunk:
 
     def written_to(self, file: BinaryIO) -> bytes:
         """Write the chunk with its index, and return the record that describes it."""
-        position = file.tell()
+        position = self.end
         fields = [
             (b"op", CHUNK),
             (b"compression", b"none"),
             (b"size", UINT32.pack(self.length)),
         ]
-        file.write(_record(fields, b"".join(self._parts)))
+        self.end += file.write(_record_head(fields, self.length))
+        # Without a copy of the whole chunk
+        for part in self._parts:
+            self.end += file.write(part)
         counts = []
         for number, entries in self._entries.items():
             fields = [
@@ -147,7 +158,7 @@ class _Chunk:
                 (b"conn", UINT32.pack(number)),
                 (b"count", UINT32.pack(len(entries))),
             ]
-            file.write(_record(fields, b"".join(entries)))
+            self.end += file.write(_record(fields, b"".join(entries)))
             counts.append(UINT32.pack(number) + UINT32.pack(len(entries)))
         fields = [
             (b"op", CHUNK_INFO),
@@ -197,8 +208,13 @@ def _packed(fields: Sequence[Tuple[bytes, bytes]]) -> bytes:
 
 
 def _record(fields: Sequence[Tuple[bytes, bytes]], data: bytes) -> bytes:
+    return _record_head(fields, len(data)) + data
+
+
+def _record_head(fields: Sequence[Tuple[bytes, bytes]], length: int) -> bytes:
+    """Return the beginning of a record, before data of a length."""
     header = _packed(fields)
-    return b"".join((UINT32.pack(len(header)), header, UINT32.pack(len(data)), data))
+    return UINT32.pack(len(header)) + header + UINT32.pack(length)
 
 
 # -- reading ---------------------------------------------------------------------------------------

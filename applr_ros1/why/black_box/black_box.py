@@ -12,17 +12,18 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any, Callable, Dict, Iterator, List, Optional
 
-from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.errors import ApplrError, one_line, reason
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.drives.received import Received, TopicSource
 from applr_ros1.why.black_box.answer_process import AnswerProcess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.description import TOPIC, TYPE, DescribedRobot, text_of
 from applr_ros1.why.black_box.folder import StopFolder
-from applr_ros1.why.black_box.ring import HOLDING, JUMP_NS, Ring, RouteFilter
-from applr_ros1.why.black_box.stops import RobotStop, StopDetector
+from applr_ros1.why.black_box.ring import HOLDING, Ring, RouteFilter
+from applr_ros1.why.black_box.stops import SAVED, RobotStop, StopDetector
 
 AFTER_S = 10.0  # time after a stop that its bag has, too [s]
+JUMP_NS = SECOND // 2  # step back of the time of messages from which on the clock was set back [ns]
 LEAD_S = 15.0  # time before a stop that its answer looks at [s]
 STRING_MD5 = "992ce8a1687cec8c8bd883ec73ca41d1"
 DESCRIPTION = Publication(TOPIC, TYPE, STRING_MD5, "string data\n", "/black_box", True)
@@ -88,13 +89,13 @@ class BlackBox:
         self._moment = moment
         self._text = text_of(driven)
         self._detector = StopDetector(driven.robot)
-        # guards detector, bags and the latest time
+        # guards detector, ring, bags and the latest times
         self._lock = threading.Lock()
         self._routes = RouteFilter()
         self._asked: List[PendingBag] = []
         self._pending: List[PendingBag] = []
-        self._latest_time = 0
         self._clock_time = ""  # time of day at which the latest stop was found
+        self._latest_times: Dict[Publication, int] = {}  # time of each one's latest message [ns]
         self.stop_count = 0
         self.lost_count = 0
         self.problem = ""
@@ -114,27 +115,40 @@ class BlackBox:
             message: The message.
             source: Its topic.
             unpacked: Returns it with its rows, which is asked only of the messages that are needed.
+
+        Raises:
+            ApplrError: It is too large to be kept.
         """
         with self._lock:
-            if message.time < self._latest_time - JUMP_NS:
+            # A publisher's messages come in their order, in a thread of their own. On a busy
+            # computer it may wait behind others, so that theirs tell nothing of the clock.
+            latest_time = self._latest_times.get(message.publication, 0)
+            if message.time < latest_time - JUMP_NS:
                 self._start_anew()
-            self._latest_time = message.time
+            self._latest_times[message.publication] = message.time
+            if self._routes.keeps(source.key, message):
+                self._ring.add(message, source.key in HOLDING)
             if self._detector.wants(source.key, message.time):
                 self._detector.take(unpacked())
-            is_kept = self._routes.keeps(source.key, message)
-        if is_kept:
-            self._ring.add(message, source.key in HOLDING)
 
     def _start_anew(self) -> None:
-        """Keep what the pending bags have so far: the clock jumped back."""
+        """Keep what the pending bags have so far, and forget the rest: the clock jumped back."""
         for bag in chain(self._pending, self._asked):
             if bag.messages is None:
                 bag.messages = self._messages()
+        self._latest_times.clear()
+        self._ring.start_anew()
         self._detector.forget()
 
     def save(self, now: float) -> str:
-        """Take a moment [s] as a stop, because somebody asks to. Return the time in its name."""
+        """Take a moment [s] as a stop, because somebody asks to. Return the time in its name.
+
+        Until its bag is written, all who ask get this one.
+        """
         with self._lock:
+            for bag in chain(self._asked, self._pending):
+                if bag.stop.kind == SAVED and bag.messages is None:
+                    return bag.moment
             bag = PendingBag(self._detector.asked(now), self._moment())
             self._asked.append(bag)
         return bag.moment
@@ -194,7 +208,7 @@ class BlackBox:
         output.lines.append(_in_words(stop))
         begin = round((stop.begin - LEAD_S) * SECOND)
         try:
-            is_dropped = self._process.ask(stop, list(self._messages(begin)))
+            is_dropped = self._process.ask(stop, self._messages(begin))
         except OSError as problem:
             output.problems.append(f"no answer: the process cannot start ({reason(problem)})")
             return
@@ -211,9 +225,10 @@ class BlackBox:
             if first_message is None:
                 raise ApplrError("no message came: start what publishes scans and odometry")
             path = self._folder.save(bag.moment, chain([first_message], messages))
-        except ApplrError as problem:
+        except Exception as problem:
+            # Whatever a file or a message holds, the next stop may be written.
             self.lost_count += 1
-            self.problem = f"the stop of {bag.moment} is lost: {problem}"
+            self.problem = f"the stop of {bag.moment} is lost: {one_line(problem)}"
             output.problems.append(self.problem)
             return
         self.problem = ""

@@ -1,6 +1,7 @@
 """Description of the robot that a bag of the black box holds, so that its answer needs no folder.
 
-It is a text: what robot.yaml says with the parameters of move_base in it, and the names of topics.
+It is a text in JSON: what robot.yaml says with the parameters of move_base in it, and the names of
+topics.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ import json
 from dataclasses import replace
 from typing import Any, Dict, NamedTuple, Sequence, Tuple
 
-from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import reading
 from applr_ros1.common.trees import branch
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.planner.costmap import footprint
@@ -47,7 +48,7 @@ def nobody_publishes(topics: Sequence[str]) -> str:
 
 
 def text_of(driven: DescribedRobot) -> str:
-    """Return the description as a text: YAML, in the notation of JSON."""
+    """Return the description as a text."""
     content = {
         "name": driven.robot.name,
         "is_known": driven.is_known,
@@ -69,7 +70,8 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
     Raises:
         ApplrError: The text is no description.
     """
-    content = files.yaml_value(text, bag_name)
+    with reading(bag_name):
+        content = json.loads(text)
     try:
         topics = {name: str(topic) for name, topic in content["topics"].items()}
         known_topics = {name: topics[name] for name in vars(TopicNames()) if name in topics}
@@ -115,7 +117,7 @@ def _scale(costmap: Dict[str, Any]) -> float:
     values.update(costmap)
     try:
         _, radius = footprint.radii(footprint.padded(values))
-    except (ApplrError, TypeError):  # C++ drives on with a footprint that it cannot read.
+    except (ValueError, TypeError):  # C++ drives on with a footprint that it cannot read.
         return 1.0
     jackal_costmap = JACKAL.all_parameters()["local_costmap"]
     _, jackal_radius = footprint.radii(footprint.padded(jackal_costmap))

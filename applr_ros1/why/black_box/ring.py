@@ -7,12 +7,13 @@ import threading
 import zlib
 from collections import deque
 from itertools import chain
-from typing import Deque, Dict, Iterable, Iterator, List, NamedTuple, Sequence
+from typing import Deque, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Sequence
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 
-JUMP_NS = SECOND // 2  # step back of the time of messages from which on the clock was set back [ns]
+LARGEST_SHARE = 0.1  # largest share of the memory that one message may take
 MESSAGE_BYTES = 200  # memory that a message takes beside its data: objects of Python [bytes]
 BLOCK_BYTES = 256_000  # size from which on messages are compressed, half a second of a Jackal's
 COMPRESSION = 1  # level of zlib: higher ones gain little, and take several times as long
@@ -117,7 +118,11 @@ class Ring:
 
     Args:
         seconds: Time that is kept [s].
-        most_bytes: Largest memory [bytes]; the oldest messages leave first.
+        most_bytes: Largest memory [bytes], with the messages that still hold; the oldest messages
+            leave first.
+
+    Attributes:
+        byte_count: Memory that the messages take [bytes].
     """
 
     def __init__(self, seconds: float, most_bytes: int):
@@ -128,13 +133,8 @@ class Ring:
         self._latest: Deque[KeptMessage] = deque()  # messages after the blocks
         self._latest_bytes = 0  # memory of the latest messages [bytes]
         self._held: Dict[Publication, RawMessage] = {}
-        self._byte_count = 0
-        self._last_time = 0  # time of the last message [ns]
-
-    @property
-    def byte_count(self) -> int:
-        """Memory that the messages take [bytes]."""
-        return self._byte_count
+        self.byte_count = 0
+        self._last_time = 0  # time of the latest message [ns]
 
     @property
     def seconds(self) -> float:
@@ -154,26 +154,31 @@ class Ring:
         Args:
             message: The message.
             holds: Whether it holds until the next one of its publication.
+
+        Raises:
+            ApplrError: It is larger than a tenth of the memory, and left out.
         """
+        largest_bytes = LARGEST_SHARE * self._most_bytes
+        if size_of(message) > largest_bytes:
+            problem = f"a message of {size_of(message) / 1e6:.1f} MB is left out"
+            raise ApplrError(f"{problem}: send at most {largest_bytes / 1e6:.1f} MB")
         with self._lock:
-            # Times before a jump of the clock cannot be compared with those after it.
-            if message.time < self._last_time - JUMP_NS:
-                self._drop_all()
-            self._last_time = message.time
+            # A message whose thread had to wait comes after later ones of other threads.
+            self._last_time = max(message.time, self._last_time)
             self._latest.append(KeptMessage(message, holds))
             self._latest_bytes += size_of(message)
-            self._byte_count += size_of(message)
+            self.byte_count += size_of(message)
             if self._latest_bytes >= BLOCK_BYTES:
                 self._pack()
-            earliest = message.time - self._span
-            while self._byte_count > self._most_bytes or self._is_oldest_before(earliest):
+            earliest = self._last_time - self._span
+            while self.byte_count > self._most_bytes or self._is_oldest_before(earliest):
                 self._drop_oldest()
 
     def _pack(self) -> None:
         """Compress the latest messages."""
         block = PackedBlock(list(self._latest))
         self._blocks.append(block)
-        self._byte_count += block.byte_count - self._latest_bytes
+        self.byte_count += block.byte_count - self._latest_bytes
         self._latest.clear()
         self._latest_bytes = 0
 
@@ -184,21 +189,39 @@ class Ring:
         return bool(self._latest) and self._latest[0].message.time < earliest
 
     def _drop_oldest(self) -> None:
-        """Drop the oldest block, or else the oldest message."""
+        """Drop the oldest block, or else the oldest message, or else what holds."""
         if self._blocks:
             block = self._blocks.popleft()
-            self._byte_count -= block.byte_count
-            self._held.update(block.holding)
-            return
-        message, holds = self._latest.popleft()
-        self._latest_bytes -= size_of(message)
-        self._byte_count -= size_of(message)
-        if holds:
-            self._held[message.publication] = message
+            self.byte_count -= block.byte_count
+            self._hold(block.holding)
+        elif self._latest:
+            message, holds = self._latest.popleft()
+            self._latest_bytes -= size_of(message)
+            self.byte_count -= size_of(message)
+            if holds:
+                self._hold({message.publication: message})
+        else:
+            self._held.clear()
+            self.byte_count = 0
 
-    def _drop_all(self) -> None:
-        while self._blocks or self._latest:
-            self._drop_oldest()
+    def _hold(self, holding: Mapping[Publication, RawMessage]) -> None:
+        """Keep messages that leave the ring, in place of those that held before."""
+        for publication, message in holding.items():
+            replaced_message = self._held.get(publication)
+            if replaced_message is not None:
+                self.byte_count -= size_of(replaced_message)
+            self._held[publication] = message
+            self.byte_count += size_of(message)
+
+    def start_anew(self) -> None:
+        """Drop all messages except for those that hold.
+
+        Times before a jump of the clock cannot be compared with those after it.
+        """
+        with self._lock:
+            while self._blocks or self._latest:
+                self._drop_oldest()
+            self._last_time = 0
 
     def messages(self, begin: int = 0) -> Iterator[RawMessage]:
         """Return the messages that are kept now, since `begin` [ns], those first that hold then.

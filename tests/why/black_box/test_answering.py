@@ -30,7 +30,9 @@ def spoilt():
     return spoilt_drive()
 
 
-def answers(path, robot, drive, stop=None, described=None, unpublished=()):
+def answers(
+    path, robot, drive, stop=None, described=None, unpublished=(), changed=lambda messages: None
+):
     """Return the answers to the stop of a drive.
 
     Args:
@@ -40,8 +42,10 @@ def answers(path, robot, drive, stop=None, described=None, unpublished=()):
         stop: The stop. Default: from 2 to 8 s.
         described: Robot that is described instead.
         unpublished: Topics of its sensors that nobody publishes.
+        changed: Function that changes the list of messages.
     """
     messages = raw_messages(path, drive, robot=robot)
+    changed(messages)
     # The simulated drives count cells, as this package's stack does.
     described = described or driving(robot, robot.driven_parameters())
     described_robot = DescribedRobot(described, TopicNames.of(robot), True, unpublished)
@@ -108,6 +112,24 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
     silent = replace(drive, scans=drive.scans.part(slice(0, 40)))
     (silent_answer,) = answers(tmp_path / "silent.bag", teb, silent)
     assert silent_answer.reason.startswith("there was no scan for")
+
+
+def test_messages_that_cannot_be_unpacked_are_left_out_and_counted(spoilt, tmp_path, caplog):
+    def cut(messages):
+        """Cut two messages of odometry and the first plan."""
+        for topic, count in (("/odometry/filtered", 2), (f"/move_base/{PLANNER}/global_plan", 1)):
+            numbers = [n for n, entry in enumerate(messages) if entry.publication.topic == topic]
+            for number in numbers[:count]:
+                messages[number] = messages[number]._replace(data=messages[number].data[:20])
+
+    robot, drive = spoilt
+    silent = replace(drive, scans=drive.scans.part(slice(0, 40)))
+    (answer,) = answers(tmp_path / "cut.bag", robot, silent, changed=cut)
+    assert answer.reason.startswith("there was no scan for")
+    (line,) = caplog.messages
+    assert line.startswith("stop: messages cut or damaged, left out: ")
+    assert "2 on /odometry/filtered" in line
+    assert f"1 on /move_base/{PLANNER}/global_plan" in line
 
 
 @pytest.mark.parametrize(

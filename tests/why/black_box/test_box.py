@@ -10,17 +10,19 @@ from applr_ros1.drives.columns import SECOND, TopicNames
 from applr_ros1.drives.received import TopicSource
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box import answer_process
-from applr_ros1.why.black_box.answer_process import AnswerProcess, job_of, stop_of
+from applr_ros1.why.black_box.answer_process import AnswerProcess, stop_of
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage, read_messages
 from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
 from applr_ros1.why.black_box.ring import Ring
 from applr_ros1.why.black_box.stops import RobotStop
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
+from tests.support.raw_messages import job_of
 from tests.why.black_box.test_stops import BEGIN_S, messages_of
 
 STOP = RobotStop("stood", 3.0, 8.0, (1.0, 2.0))
 ODOMETRY = Publication("/odometry", "nav_msgs/Odometry", "")
+SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
 
 
 class Folder:
@@ -28,11 +30,11 @@ class Folder:
 
     def __init__(self):
         self.saved = {}
-        self.is_full = False
+        self.problem = None
 
     def save(self, moment, messages):
-        if self.is_full:
-            raise ApplrError("the disk is full")
+        if self.problem is not None:
+            raise self.problem
         self.saved[moment] = list(messages)
         return f"stop_{moment}.bag"
 
@@ -47,7 +49,7 @@ class Process:
 
     def ask(self, stop, messages):
         was_running = self.is_running
-        self.asked.append((stop, messages))
+        self.asked.append((stop, list(messages)))
         self.is_running = True
         return was_running
 
@@ -89,6 +91,12 @@ class Box:
                 due_time += 0.5
             raw = RawMessage(arrival, ODOMETRY, str(arrival).encode())
             self.box.take(raw, TopicSource(message.key, {}), lambda message=message: message)
+
+    def take_scan(self, seconds):
+        """Let a scan come some time after the begin [s], and return it."""
+        scan = RawMessage(round((BEGIN_S + seconds) * SECOND), SCAN, b"scan")
+        self.box.take(scan, TopicSource("scans", {}), lambda: None)
+        return scan
 
     def look(self, now):
         """Look at a time by the robot's clock [s]."""
@@ -146,14 +154,21 @@ def test_a_stop_at_the_same_place_is_a_line_and_no_further_bag():
     assert box.lines[-1] == "the robot stood at (1.50, -0.00) again, as at 09:06:12 (2 times)"
 
 
-def test_a_lost_bag_is_one_line_and_the_next_one_is_written():
+@pytest.mark.parametrize(
+    ("problem", "words"),
+    [
+        (ApplrError("the disk is full"), "the disk is full"),
+        (OverflowError("a number"), "OverflowError: a number (test_box.py, line "),
+    ],
+)
+def test_a_lost_bag_is_one_line_and_the_next_one_is_written(problem, words):
     box = Box()
-    box.folder.is_full = True
+    box.folder.problem = problem
     box.drive(DRIVES + STANDS * 2 + DRIVES * 4)
-    line = "the stop of 0 is lost: the disk is full"
-    assert box.problems == [line]
+    (line,) = box.problems
+    assert line.startswith(f"the stop of 0 is lost: {words}")
     assert (box.box.problem, box.box.lost_count) == (line, 1)
-    box.folder.is_full = False
+    box.folder.problem = None
     box.drive(STANDS * 2 + DRIVES * 5, begin=21.0)
     assert list(box.folder.saved) == ["1"]
     assert (box.box.problem, box.box.lost_count) == ("", 1)
@@ -161,12 +176,27 @@ def test_a_lost_bag_is_one_line_and_the_next_one_is_written():
 
 def test_somebody_may_ask_to_save():
     box = Box()
+    # All who ask until the bag is written get the same one.
     assert box.box.save(BEGIN_S) == "0"
-    box.drive(DRIVES * 4)
+    assert box.box.save(BEGIN_S) == "0"
+    box.drive(DRIVES)
+    assert box.box.save(BEGIN_S + 3.0) == "0"
+    box.drive(DRIVES * 3, begin=3.0)
     assert list(box.folder.saved) == ["0"]
-    (stop, _), *_ = box.process.asked
+    ((stop, _),) = box.process.asked
     assert stop.kind == "was asked to save"
     assert box.box.stop_count == 1
+    # The next bag has a time that the first one does not have.
+    assert box.box.save(BEGIN_S + 11.9) == "1"
+
+
+def test_the_bag_of_a_stop_is_not_that_of_somebody_who_asks():
+    box = Box()
+    box.drive(DRIVES + STANDS * 2)
+    assert box.box.save(BEGIN_S + 9.0) == "1"
+    box.drive(DRIVES * 4, begin=9.0)
+    assert list(box.folder.saved) == ["0", "1"]
+    assert [stop.kind for stop, _ in box.process.asked] == ["stood", "was asked to save"]
 
 
 def test_without_messages_a_save_is_lost_in_one_line():
@@ -181,10 +211,13 @@ def test_a_clock_that_jumps_back_loses_no_stop_that_was_found():
     box = Box()
     box.drive(DRIVES + STANDS * 2)
     assert len(box.process.asked) == 1
+    box.take_scan(9.0)
     # The bag has what came until the jump.
     box.drive(DRIVES, begin=-100.0)
+    # It is one jump for all topics.
+    box.take_scan(-97.0)
     (saved_messages,) = box.folder.saved.values()
-    assert saved_messages[-1].time / SECOND == pytest.approx(BEGIN_S + 8.95, abs=0.1)
+    assert saved_messages[-1].time / SECOND == pytest.approx(BEGIN_S + 9.0, abs=0.1)
     # Stops are found as before, and their bags have the new time alone.
     box.drive(STANDS * 3 + DRIVES * 4, begin=-97.0)
     assert len(box.process.asked) == 2
@@ -194,10 +227,39 @@ def test_a_clock_that_jumps_back_loses_no_stop_that_was_found():
     assert times[0] == round((BEGIN_S - 100.0) * SECOND)
 
 
+def test_a_message_that_waited_on_a_busy_computer_is_no_clock_that_jumps_back():
+    box = Box()
+    box.drive(DRIVES * 10)
+    # The scan came before the last odometry, whose thread was faster.
+    scan = box.take_scan(27.0)
+    box.drive(STANDS * 2, begin=30.0)
+    ((stop, messages),) = box.process.asked
+    assert stop.kind == "stood"
+    assert messages[0].time / SECOND == pytest.approx(stop.begin - 15.0, abs=0.1)
+    assert scan in messages
+
+
+def test_a_message_that_cannot_be_unpacked_is_kept_for_the_answer():
+    box = Box()
+
+    def fail():
+        raise ValueError("cut")
+
+    cut = RawMessage(round(BEGIN_S * SECOND), ODOMETRY, b"cut")
+    with pytest.raises(ValueError, match="cut"):
+        box.box.take(cut, TopicSource("odometry", {}), fail)
+    box.box.save(BEGIN_S)
+    box.look(BEGIN_S + 20.0)
+    assert box.folder.saved["0"][1:] == [cut]
+
+
 def test_what_somebody_asked_to_save_is_kept_when_the_clock_jumps_back_at_once():
     box = Box()
     box.drive(DRIVES * 2)
-    box.box.save(BEGIN_S + 5.9)
+    assert box.box.save(BEGIN_S + 5.9) == "0"
+    box.drive(DRIVES[:1], begin=-100.0, first_look=10.0)
+    # This moment is not in the first bag.
+    assert box.box.save(BEGIN_S - 100.0) == "1"
     box.drive(DRIVES, begin=-100.0, first_look=0.5)
     (saved_messages,) = box.folder.saved.values()
     # The bag has what came until the jump.
@@ -234,7 +296,7 @@ def answer_within(process, seconds):
 
 
 def test_a_job_is_a_stop_and_a_bag():
-    line, _, bag = job_of(STOP, MESSAGES).partition(b"\n")
+    line, _, bag = job_of(STOP, iter(MESSAGES)).partition(b"\n")
     assert stop_of(line) == STOP
     assert list(read_messages(bag)) == MESSAGES
 

@@ -65,7 +65,16 @@ def test_of_a_robot_without_a_folder_frames_and_size_follow_from_the_parameters(
     assert unknown_robot(JACKAL.parameters()).world_scale == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("costmap", [{"footprint": "[[0.1,"}, {"robot_radius": "0.2 m"}])
+def test_parameters_of_any_number_are_read_back_as_they_are():
+    tree = {**TEB, "values": {f"value_{number}": number * 1e-5 for number in range(100_001)}}
+    text = text_of(DescribedRobot(unknown_robot(tree), TopicNames(), False))
+    assert described_by(text, "stop.bag").robot.parameters() == tree
+
+
+@pytest.mark.parametrize(
+    "costmap",
+    [{"footprint": "[[0.1,"}, {"robot_radius": "0.2 m"}, {"footprint_padding": [0.1, 0.1, 0.1]}],
+)
 def test_a_footprint_that_cpp_cannot_read_either_is_no_size(costmap):
     assert unknown_robot({"local_costmap": costmap}).world_scale == 1.0
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.ring import BLOCK_BYTES, MESSAGE_BYTES, Ring, RouteFilter
+from applr_ros1.why.black_box.ring import BLOCK_BYTES, MESSAGE_BYTES, Ring, RouteFilter, size_of
 
 SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
 PLAN = Publication("/plan", "nav_msgs/Path", "")
@@ -30,18 +31,29 @@ def test_the_last_seconds_are_kept():
 
 def test_memory_is_bounded_and_the_oldest_leave_first():
     size = MESSAGE_BYTES + 1000
-    ring = Ring(1000.0, 5 * size)
-    messages = [message(step, data=b"x" * 1000) for step in range(20)]
+    ring = Ring(1000.0, 20 * size)
+    messages = [message(step, data=b"x" * 1000) for step in range(50)]
     for sent in messages:
         ring.add(sent)
-    assert list(ring.messages()) == messages[-5:]
-    assert ring.byte_count == 5 * size
-    # A message that is larger than all memory leaves nothing.
-    ring.add(message(21.0, data=b"x" * 10_000))
-    assert not list(ring.messages())
-    assert ring.byte_count == 0
-    ring.add(messages[-1])
-    assert list(ring.messages()) == [messages[-1]]
+    assert list(ring.messages()) == messages[-20:]
+    assert ring.byte_count == 20 * size
+    # A message that is larger than a tenth is left out, and drives no others out.
+    with pytest.raises(
+        ApplrError, match=r"a message of 10\.0 MB is left out: send at most 0\.0 MB"
+    ):
+        ring.add(message(51.0, PLAN, data=b"x" * 10_000_000), holds=True)
+    assert list(ring.messages()) == messages[-20:]
+
+
+def test_memory_of_what_holds_counts():
+    ring = Ring(1000.0, 100_000)
+    for step in range(100):
+        # The plans of many planners, which fill the memory at last, or of a few
+        planner = step if step < 30 else step % 3
+        plan = PLAN._replace(publisher=f"/planner_{planner}")
+        ring.add(message(step, plan, b"x" * 5000), holds=True)
+        assert sum(map(size_of, ring.messages())) == ring.byte_count <= 100_000
+    assert len(list(ring.messages())) == 19
 
 
 def test_what_holds_until_the_next_message_stands_at_the_begin():
@@ -88,13 +100,22 @@ def test_beside_followed_plans_routes_are_kept_once_a_second():
     assert kept("routes", 3.05, 3.1) == 1
 
 
-def test_a_clock_that_jumps_back_empties_it_except_for_what_holds():
+def test_a_message_that_waited_on_a_busy_computer_is_added_to_the_others():
+    ring = Ring(60.0, 10**7)
+    sent = [message(100.0 + 0.1 * step) for step in range(600)]
+    late_message = message(159.9 - 5.0, PLAN)
+    for entry in (*sent, late_message):
+        ring.add(entry)
+    assert list(ring.messages()) == [*sent, late_message]
+    assert ring.seconds == pytest.approx(59.9)
+
+
+def test_begun_anew_it_has_only_what_holds():
     ring = Ring(10.0, 10**6)
     ring.add(message(100.0))
     ring.add(message(100.5, PLAN, b"plan"), holds=True)
-    # Threads may deliver messages in another order than they came.
-    ring.add(message(100.4))
-    assert len(list(ring.messages())) == 3
+    ring.start_anew()
+    assert ring.seconds == 0.0
     ring.add(message(3.0))
     plan, scan = ring.messages()
     assert (plan.data, plan.time) == (b"plan", 3 * SECOND)
@@ -148,9 +169,9 @@ def test_messages_that_repeat_take_a_fraction_of_their_size():
         ring.add(message(step, PLAN, step.to_bytes(4, "little") + plan))
     assert ring.byte_count < 0.1 * 1000 * 10_000
 
-    small_ring = Ring(600.0, 100_000)
+    small_ring = Ring(600.0, 110_000)
     for step in range(1000):
         small_ring.add(message(step, PLAN, step.to_bytes(4, "little") + plan))
     kept_messages = list(small_ring.messages())
-    assert small_ring.byte_count <= 100_000
+    assert small_ring.byte_count <= 110_000
     assert kept_messages[-1].time == 999 * SECOND
