@@ -235,7 +235,7 @@ def test_a_map_lies_under_the_drives_in_its_frame_alone():
 
 
 def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day():
-    near = "every faster way meets the obstacle {} m ahead and 0.1 m to the left, from the scan"
+    near = "every faster command meets the obstacle {} m ahead and 0.1 m to the left, from the scan"
     bags = [
         logged_bag(
             stop_at(0.0, reason=near.format(0.5)),
@@ -253,7 +253,7 @@ def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day(
     book = book_of(*bags)
     reasons = [str(group) for group in by_reason(book.stops)]
     assert reasons == [
-        "20 s in 2 stops: every faster way meets an obstacle",
+        "20 s in 2 stops: every faster command meets an obstacle",
         "5 s in 1 stop: there was no scan for 3.2 s",
     ]
     words = [group.words for group in by_parameter(book.stops)]
