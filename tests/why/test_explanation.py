@@ -204,14 +204,7 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     assert costs[-1] == pytest.approx(costs[legal].min())
 
     # The table begins with the command.
-    assert explanation.table[0] == [
-        "v",
-        "w",
-        "cost",
-        "distance from the plan (path_distance_bias)",
-        "distance from the local goal (goal_distance_bias)",
-        "nearness to obstacles (occdist_scale)",
-    ]
+    assert explanation.table[0][5] == "nearness to obstacles (occdist_scale)"
     assert explanation.table[1][2] == pytest.approx(costs[-1], abs=0.01)
     assert explanation.points
 
@@ -355,11 +348,6 @@ def test_each_part_of_the_costs_has_a_sentence(planner_name, term):
     if term.refusal:
         refused = words_if({other: np.ones(2), term: np.array([-6.0, 0.0])}, [-6.0, 1.0])
         assert refused == f"every faster command {term.refusal.format(**parameters)}"
-
-
-def test_each_critic_that_refuses_has_a_sentence():
-    for critic in CRITICS:
-        assert bool(critic.term.refusal) == (critic.refuses != "nothing")
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from training.why.logbook_words import (
     by_reason,
     how_sure,
     lines_of,
+    place_in_words,
 )
 from training.why.recorded import BagAnswerOptions
 from training.why.whole_drives import Arrival, DrivenCourse, try_out
@@ -220,6 +221,19 @@ def test_matched_poses_begin_anew_at_each_start_as_odometry_does(frame, route_fr
     )
     recording = SimpleNamespace(drive=drive, robot=JACKAL)
     assert placed_frame(recording, None) == (frame, False, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("frame", "is_shared", "words"),
+    [
+        ("map", True, "(1.00, 0.00) in map"),
+        ("matched", False, "(1.00, 0.00) in matched (odometry since that start)"),
+    ],
+)
+def test_a_place_in_a_frame_of_one_start_says_so(frame, is_shared, words):
+    bag = logged_bag(stop_at(1.0), frame=frame, is_shared=is_shared)
+    (place,) = book_of(bag).places
+    assert place_in_words(place) == words
 
 
 def test_a_map_lies_under_the_drives_in_its_frame_alone():
