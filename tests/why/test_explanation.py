@@ -7,10 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.planner.dwa.critics.registry import CRITICS
-from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.planner.sampling_planner import OBSTACLE_TERM, PATH_TERM
 from applr_ros1.planner.trajectory.planner import SCALES, TrajectoryPlanner
@@ -76,11 +74,11 @@ def cycle_of(command=(0.5, 0.0), at=0.0, yaw=0.0):
     )
 
 
-def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,)):
+def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,), term=None):
     """Return what the planner says in a cycle with these samples, beside no obstacle."""
     velocities = np.array(velocities)
     costs = np.array(costs)
-    parts = {PATH_TERM: np.maximum(costs, 0.0)}
+    parts = {term: costs} if term else {PATH_TERM: np.maximum(costs, 0.0)}
     free_cells = np.zeros((10, 10), np.uint8)
     return CycleMoment(
         asked=cycle,
@@ -94,9 +92,9 @@ def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,)):
     )
 
 
-def explained(cycle, velocities, costs):
+def explained(cycle, velocities, costs, term=None):
     """Return the explanation of a cycle with these samples."""
-    moment = moment_of(cycle, velocities, costs)
+    moment = moment_of(cycle, velocities, costs, term)
     return explain(SimpleNamespace(at=lambda cycle: moment), cycle)
 
 
@@ -321,33 +319,19 @@ def test_samples_that_dwa_refuses_are_explained():
     )
 
 
-@pytest.mark.parametrize(
-    ("planner_name", "term"),
-    [("DWAPlannerROS", critic.term) for critic in CRITICS]
-    + [("TrajectoryPlannerROS", term) for term in SCALES],
-    ids=lambda value: getattr(value, "name", value),
-)
-def test_each_part_of_the_costs_has_a_sentence(planner_name, term):
-    fast, slow = (0.5, 0.0), (0.1, 0.0)
-    parameters = complete(robots.load("turtlebot3_burger").parameters())[planner_name]
-    cycle = replace(cycle_of(command=slow), settings=Settings({planner_name: parameters}))
-    moment = replace(moment_of(cycle, [fast, slow], [2.0, 1.0]), planner=planner_name)
+@pytest.mark.parametrize("term", [*(critic.term for critic in CRITICS), *SCALES])
+def test_each_part_of_the_costs_has_a_sentence(term):
+    values = {**start_values(JACKAL), **start_values(WAFFLE)}
+    slow = (0.1, 0.0)
+    cycle = replace(cycle_of(command=slow), settings=Settings({PLANNER: values}))
+    velocities = [(0.5, 0.0), slow]
+    outbid = explained(cycle, velocities, [2.0, 1.0], term).words
+    refused = explained(cycle, velocities, [-1.0, 1.0], term).words
 
-    def words_if(cost_parts, costs):
-        samples = ComparedSamples(moment.samples.velocities, np.array(costs), cost_parts)
-        replay = SimpleNamespace(at=lambda cycle: replace(moment, samples=samples))
-        return explain(replay, cycle).words
-
-    # When another part of the costs is the same for both samples
-    other = term._replace(name="other")
-    outbid = words_if({other: np.ones(2), term: np.array([1.0, 0.0])}, [2.0, 1.0])
-    weight = f"{term.parameter} {parameters[term.parameter]:g}"
+    weight = f"{term.parameter} {values[term.parameter]:g}"
     assert outbid == f"every faster command {term.objection}, which costs too much at {weight}"
-
-    # A negative part refuses a sample.
     if term.refusal:
-        refused = words_if({other: np.ones(2), term: np.array([-6.0, 0.0])}, [-6.0, 1.0])
-        assert refused == f"every faster command {term.refusal.format(**parameters)}"
+        assert refused == f"every faster command {term.refusal.format(**values)}"
 
 
 @pytest.mark.parametrize(
