@@ -117,12 +117,14 @@ def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic
     costmap.cells[:] = 20
     weight = dict(BURGER, twirling_scale=0.0)[critic.term.parameter]
     costs = []
+    weights = []
     for parameters in ({}, {critic.term.parameter: weight + 0.5}):
         planner = DWAPlanner(dict(BURGER, **parameters), 0.1)
         choice = planner.find_best_path(costmap, [(0, 0), (1, 0.3)], ORIGIN, (0.1, 0, 0.2))
         samples = planner.score_all_samples()
         is_legal = samples.costs >= 0
         costs.append(samples.costs[is_legal])
+        weights.append(planner.scales[CRITICS.index(critic)])
         # The search follows the bounds.
         assert choice.cost == costs[-1].min()
     values = samples.critics[is_legal]
@@ -136,6 +138,7 @@ def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic
     assert bound == samples.costs[number]
 
     if critic.scale:
+        assert weights[1] > weights[0]
         assert (values[:, CRITICS.index(critic)] > 0).any()
         assert (costs[1] >= costs[0]).all()
         assert (costs[1] > costs[0]).any()
