@@ -115,7 +115,7 @@ def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic
     """A greater weight makes samples dearer, and the search still finds the cheapest."""
     costmap = small_map()
     costmap.cells[:] = 20
-    weight = dict(BURGER, twirling_scale=0.0)[critic.term.parameter]
+    weight = BURGER[critic.term.parameter]
     costs = []
     weights = []
     for parameters in ({}, {critic.term.parameter: weight + 0.5}):
@@ -132,7 +132,7 @@ def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic
 
     # With the values as bounds, the bound is the cost.
     number = int(np.argmax(samples.costs))
-    known = samples.critics[number : number + 1].astype(np.int32)
+    known = samples.critics[number : number + 1]
     velocity = Velocity(*samples.stored[number].tolist())
     bound = registry.lower_bound(planner.in_force, known, 0, velocity)
     assert bound == samples.costs[number]
@@ -140,7 +140,6 @@ def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic
     if critic.scale:
         assert weights[1] > weights[0]
         assert (values[:, CRITICS.index(critic)] > 0).any()
-        assert (costs[1] >= costs[0]).all()
         assert (costs[1] > costs[0]).any()
     else:  # A critic that only refuses
         assert (costs[1] == costs[0]).all()

@@ -35,7 +35,6 @@ CRITICS: Tuple[Critic, ...] = (
 ALL = len(CRITICS)
 OBSTACLE = CRITICS.index(obstacle.CRITIC)
 
-
 # Critics that read a distance grid: number in CRITICS, and GridReading
 READERS = np.array(
     [(number, *critic.grid, 0) for number, critic in enumerate(CRITICS) if critic.grid],
@@ -71,7 +70,13 @@ def _bound(number: int, critic: Critic) -> str:
 
 
 def _generated(header: str, body: str, **options: Any) -> Callable[..., Any]:
-    """Return a kernel of this module, from text: numba cannot loop over the critics' kernels."""
+    """Return a kernel of this module, from text: numba cannot loop over the critics' kernels.
+
+    Args:
+        header: Its name, with the names of its arguments.
+        body: Its lines, made of the critics.
+        options: Options of `kernel`.
+    """
     namespace = dict(globals(), at_end=at_end, nan=nan)
     exec(f"def {header}:\n{body}", namespace)
     return kernel(namespace[header.partition("(")[0]], **options)
