@@ -150,7 +150,7 @@ PLANTED = (
     ),
     PlantedStop(
         "inflation too large",
-        r"passes nearer to obstacles than occdist_scale",
+        r"leads closer to obstacles, which costs too much at occdist_scale",
         _of_costmaps(inflater_layer__inflation_radius=2.0, inflater_layer__cost_scaling_factor=1.0),
         guesses=("inflation_radius", "cost_scaling_factor", "occdist_scale"),
         circles=FUNNEL,
@@ -158,7 +158,7 @@ PLANTED = (
     ),
     PlantedStop(
         "sim_time too long",
-        r"no faster way is sampled than .*sim_time 8",
+        r"no command faster than .*sim_time 8",
         {f"{PLANNER}/sim_time": 8.0},
         guesses=("sim_time",),
         goal_pose=(6.0, 0.0, 0.0),
@@ -166,7 +166,7 @@ PLANTED = (
     ),
     PlantedStop(
         "acc_lim too small",
-        r"no faster way is sampled than|every faster way leaves the plan",
+        r"no command faster than|every faster command leads farther away from the plan",
         {f"{PLANNER}/acc_lim_x": 0.003},
         guesses=("acc_lim_x",),
         is_compared=True,

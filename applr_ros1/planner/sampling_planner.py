@@ -12,6 +12,7 @@ from typing import (
     TYPE_CHECKING,
     Any,
     Callable,
+    Dict,
     Iterable,
     List,
     Mapping,
@@ -44,6 +45,40 @@ class Heading(NamedTuple):
 
     cos: float
     sin: float
+
+
+class CostTerm(NamedTuple):
+    """Part of the cost of a sample, in the words of `why`."""
+
+    name: str  # name in C++
+    title: str  # what is measured
+    parameter: str  # parameter that weights it
+    objection: str  # what a sample does that costs more, such as "turns the robot faster"
+    # What a sample does that is refused, with the values of parameters in braces
+    refusal: str = ""
+
+
+# Parts (m,) of the costs of samples
+CostParts = Dict[CostTerm, np.ndarray]
+# Both planners have these terms, under names of their own.
+PATH_TERM = CostTerm(
+    name="path_distance_bias",
+    title="distance from the plan",
+    parameter="path_distance_bias",
+    objection="leads farther away from the plan",
+)
+GOAL_TERM = CostTerm(
+    name="goal_distance_bias",
+    title="distance from the local goal",
+    parameter="goal_distance_bias",
+    objection="ends farther away from the local goal",
+)
+OBSTACLE_TERM = CostTerm(
+    name="occdist_scale",
+    title="nearness to obstacles",
+    parameter="occdist_scale",
+    objection="leads closer to obstacles",
+)
 
 
 class Record:

@@ -24,33 +24,6 @@ HEADINGS = 5
 TURNED = 0.3  # least difference of these headings [rad]
 BESIDE_M = 0.3  # how far beyond the circumscribed circle it may lie [m, for the Jackal]
 
-# What weighs against faster samples: the parameter, and the words, by the planner's name for this
-# part of the costs.
-OBJECTIONS = {
-    "occdist_scale": ("occdist_scale", "passes nearer to obstacles than {} allows"),
-    "obstacle": ("occdist_scale", "passes nearer to obstacles than {} allows"),
-    "path_distance_bias": ("path_distance_bias", "leaves the plan farther than {} allows"),
-    "path": ("path_distance_bias", "leaves the plan farther than {} allows"),
-    "goal_distance_bias": (
-        "goal_distance_bias",
-        "ends farther from the local goal than {} allows",
-    ),
-    "goal": ("goal_distance_bias", "ends farther from the local goal than {} allows"),
-    "alignment": (
-        "path_distance_bias",
-        "takes the robot's front farther from the plan than {} allows",
-    ),
-    "goal_front": (
-        "goal_distance_bias",
-        "takes the robot's front farther from the local goal than {} allows",
-    ),
-    "twirling": ("twirling_scale", "turns more than {} allows"),
-    "oscillation": (
-        "oscillation_reset_dist",
-        "is barred after an oscillation, until the robot has moved by {}",
-    ),
-}
-
 
 @dataclass
 class Explanation:
@@ -108,7 +81,7 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
         _explain_illegal(explanation, moment, crossing, obstacle)
     # Without straight commands, turns are all that is compared.
     if crossing and not drives_on:
-        explanation.words = f"every straight way is refused, as {crossing}"
+        explanation.words = f"every straight command is refused, as {crossing}"
     # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
     elif moment.leads_back:
         explanation.words = "the plan leads back, behind the robot"
@@ -142,7 +115,7 @@ def _nothing_faster(moment: CycleMoment) -> str:
     speed_to_end = math.hypot(end_x - x, end_y - y) / values["sim_time"]
     if speed_to_end < SLOW * values["max_vel_x"]:
         limits += f", sim_time {values['sim_time']:g} before the end of the plan"
-    return f"no faster way is sampled than {fastest_speed:.2f} m/s ({limits})"
+    return f"no command faster than {fastest_speed:.2f} m/s is sampled ({limits})"
 
 
 def _explain_outbid(explanation: Explanation, moment: CycleMoment, best: int) -> None:
@@ -160,15 +133,12 @@ def _explain_outbid(explanation: Explanation, moment: CycleMoment, best: int) ->
         return
     # The part of the costs that sets the two samples apart most is the reason.
     cost_gaps = {}
-    for cost_name, cost_part in moment.samples.parts.items():
-        cost_gaps[cost_name] = cost_part[best] - cost_part[winner]
-    cost_name = max(cost_gaps, key=lambda part: cost_gaps[part])
-    parameter, objection = OBJECTIONS[cost_name]
-    weight = parameter
-    if parameter in moment.values:
-        weight = f"{parameter} {moment.values[parameter]:g}"
-    explanation.words = f"every faster way {objection.format(weight)}"
-    cost_part = moment.samples.parts[cost_name]
+    for term, cost_part in moment.samples.parts.items():
+        cost_gaps[term] = cost_part[best] - cost_part[winner]
+    term = max(cost_gaps, key=lambda term: cost_gaps[term])
+    weight = f"{term.parameter} {moment.values[term.parameter]:g}"
+    explanation.words = f"every faster command {term.objection}, which costs too much at {weight}"
+    cost_part = moment.samples.parts[term]
     explanation.lines.append(
         f"{driving} costs {costs[best]:.1f}, "
         f"the command {_in_words(moment, winner)} {costs[winner]:.1f}: "
@@ -199,7 +169,7 @@ def _explain_illegal(
     illegal_count = len(moment.illegal_rows)
     faster_count = int(moment.drives_on.sum())
     if illegal_count == faster_count and not moment.drives_on[moment.winner]:
-        explanation.words = f"every faster way {objection}"
+        explanation.words = f"every faster command {objection}"
         explanation.is_blocked = True
     explanation.lines.append(
         f"{illegal_count} of {faster_count} faster samples are illegal; "
@@ -211,9 +181,9 @@ def _refusal(moment: CycleMoment, row: int) -> str:
     """Return why a sample is illegal that meets no obstacle."""
     values = moment.values
     v, _ = moment.samples.velocities[row].tolist()
-    for critic, critic_costs in moment.samples.parts.items():
-        if critic_costs[row] < 0:
-            return f"is refused by the critic {critic}"
+    for term, cost_part in moment.samples.parts.items():
+        if cost_part[row] < 0:
+            return term.refusal.format(**values)
     # DWAPlannerROS scores no samples beyond its limits of the speed.
     if abs(v) > values.get("max_vel_trans", math.inf) + SLACK:
         return f"is above max_vel_trans ({values['max_vel_trans']:g})"
@@ -252,7 +222,8 @@ def _table(moment: CycleMoment) -> List[List[Any]]:
         shown_rows.append(moment.best)
     shown_rows += cheapest_rows[:SAMPLES]
     distinct_rows = list(dict.fromkeys(shown_rows))
-    return [["v", "w", "cost", *parts], *rows[distinct_rows].tolist()]
+    titles = [f"{term.title} ({term.name})" for term in parts]
+    return [["v", "w", "cost", *titles], *rows[distinct_rows].tolist()]
 
 
 def at_goal(planner: RerunPlanner, settings: Settings) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from applr_ros1.common.paths import distances
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.planner.sampling_planner import CostParts
 from applr_ros1.robots.check import LimitPair, crossed_limits
 from applr_ros1.why.stretch import SLOW
 
@@ -114,12 +115,12 @@ class ComparedSamples(NamedTuple):
     Attributes:
         velocities: (n, 2) v [m/s], w [rad/s].
         costs: (n,) costs; negative for illegal samples.
-        parts: Parts (n,) of the costs by name.
+        parts: Parts (n,) of the costs by term.
     """
 
     velocities: np.ndarray
     costs: np.ndarray
-    parts: Dict[str, np.ndarray]
+    parts: CostParts
 
 
 class MetObstacle(NamedTuple):

@@ -103,10 +103,14 @@ def comparison(prefix: str) -> str:
 
 def critics() -> str:
     """Return the table of the critics of DWAPlannerROS."""
-    from applr_ros1.planner.dwa.critics.critic import CriticRow
-    from applr_ros1.planner.dwa.critics.registry import rows
+    from applr_ros1.planner.dwa.critics.registry import CRITICS
 
-    return table(CriticRow._fields, rows())
+    rows = []
+    for critic in CRITICS:
+        weight = "`%s`" % critic.term.parameter if critic.scale else "1"
+        name = "%s (`%s`)" % (critic.term.title, critic.term.name)
+        rows.append([name, weight, critic.value, critic.refuses])
+    return table(["critic", "weight", "value", "refuses"], rows)
 
 
 def faults() -> str:

@@ -19,7 +19,9 @@ from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, DriveError, Rows
 from applr_ros1.drives.received import Received, drive_from
 from applr_ros1.robots import JACKAL
 from applr_ros1.senses.standing import ACTIVE, PREEMPTING
+from applr_ros1.why.black_box.ring import HOLDING
 from applr_ros1.why.black_box.stops import StopDetector
+from applr_ros1.why.recorded import CHANNELS
 from tests.support.drives import whole_drive
 from training.bags.maker import Maker
 
@@ -42,6 +44,11 @@ def packed_rows(key):
 @pytest.mark.parametrize("key", COLUMNS)
 def test_each_topic_belongs_to_a_column_of_the_drive(key):
     assert column_of(key) in {column.name for column in dataclasses.fields(Drive)}
+
+
+def test_the_black_box_keeps_each_topic_but_those_that_why_does_not_read():
+    assert {column_of(key) for key in COLUMNS} - set(CHANNELS) == {"source", "contacts", "ends"}
+    assert set(HOLDING) <= set(COLUMNS)
 
 
 @pytest.mark.parametrize("key", COLUMNS)

@@ -15,10 +15,11 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives import simulate
-from applr_ros1.drives.drive import TIMED_OUT, Drive, Goal
+from applr_ros1.drives.drive import KIND_OF_COLUMN, TIMED_OUT, Drive, Goal, Rows
 from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, TOO_EARLY
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Leg, nearest, outcome_of
+from applr_ros1.drives.recorder import UNKNOWN
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import Cycle
@@ -677,6 +678,14 @@ def test_a_drive_without_a_pilot_is_that_of_a_pilot_who_leaves_the_parameters():
     (end,) = decided_drive.ends
     assert end.time == pytest.approx(4.0)
     assert end.after == {}
+
+
+def test_a_recorded_drive_has_rows_in_each_column_that_a_robot_without_a_monitor_has():
+    drive, _ = short_drive(None, record=True)
+    row_columns = {name for name, kind in KIND_OF_COLUMN.items() if issubclass(kind, Rows)}
+    empty_columns = {name for name in row_columns if not getattr(drive, name)}
+    # Changes are recorded by those who make them.
+    assert empty_columns == {*UNKNOWN, "changes", "verdicts"}
 
 
 def test_a_pilot_begins_each_drive_anew():

@@ -139,7 +139,7 @@ def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path)
     box.node.until(lambda: box.answers and box.answers[-1][1].parameter)
     _, answer = box.answers[-1]
     assert answer.kind == "crept"
-    assert answer.reason.startswith("no faster way is sampled than 0.1"), answer
+    assert answer.reason.startswith("no command faster than 0.1"), answer
     assert answer.parameter == "TrajectoryPlannerROS/vx_samples"
     assert answer.reproduced > 0.8, answer
     client.cancel_goal()

@@ -271,7 +271,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     assert answered.returncode == 0, answered.stderr
     first_answer, _, answer = map(json.loads, answered.stdout.splitlines())
     assert (first_answer["kind"], first_answer["reason"]) == ("crept", "")
-    assert answer["reason"].startswith("no faster way is sampled than 0.10 m/s")
+    assert answer["reason"].startswith("no command faster than 0.10 m/s is sampled")
     assert answer["parameter"] == f"{PLANNER}/vx_samples"
     # What cannot be answered ends in one line.
     refused = subprocess.run(

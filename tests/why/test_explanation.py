@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.planner.dwa.critics.registry import CRITICS
 from applr_ros1.planner.parameters.settings import Change, Settings
-from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.planner.sampling_planner import OBSTACLE_TERM, PATH_TERM
+from applr_ros1.planner.trajectory.planner import SCALES, TrajectoryPlanner
 from applr_ros1.why import diagnosis
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import what_happened
@@ -72,11 +74,11 @@ def cycle_of(command=(0.5, 0.0), at=0.0, yaw=0.0):
     )
 
 
-def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,)):
+def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,), term=None):
     """Return what the planner says in a cycle with these samples, beside no obstacle."""
     velocities = np.array(velocities)
     costs = np.array(costs)
-    parts = {"path_distance_bias": np.maximum(costs, 0.0)}
+    parts = {term: costs} if term else {PATH_TERM: np.maximum(costs, 0.0)}
     free_cells = np.zeros((10, 10), np.uint8)
     return CycleMoment(
         asked=cycle,
@@ -90,9 +92,9 @@ def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,)):
     )
 
 
-def explained(cycle, velocities, costs):
+def explained(cycle, velocities, costs, term=None):
     """Return the explanation of a cycle with these samples."""
-    moment = moment_of(cycle, velocities, costs)
+    moment = moment_of(cycle, velocities, costs, term)
     return explain(SimpleNamespace(at=lambda cycle: moment), cycle)
 
 
@@ -111,7 +113,7 @@ def test_the_table_has_the_sample_that_drives_on_in_its_row_of_the_page():
 def test_a_sample_that_is_refused_beside_no_obstacle_leaves_the_map():
     fast, slow = (0.5, 0.0), (0.1, 0.0)
     refused = explained(cycle_of(command=slow), [fast, slow], [-1.0, 1.0])
-    assert refused.words == "every faster way leaves the map or the reach of the plan"
+    assert refused.words == "every faster command leaves the map or the reach of the plan"
     assert refused.is_blocked
     assert refused.obstacle is None
 
@@ -200,8 +202,7 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     assert costs[-1] == pytest.approx(costs[legal].min())
 
     # The table begins with the command.
-    weights = ["path_distance_bias", "goal_distance_bias", "occdist_scale"]
-    assert explanation.table[0] == ["v", "w", "cost", *weights]
+    assert explanation.table[0][5] == "nearness to obstacles (occdist_scale)"
     assert explanation.table[1][2] == pytest.approx(costs[-1], abs=0.01)
     assert explanation.points
 
@@ -211,7 +212,7 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     outbid_sample = fast_samples[costs[is_fast].argmin()]
     command_text = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
     costs_text = f"costs {costs[outbid_sample]:.1f}, the command {command_text} {costs[-1]:.1f}: "
-    occdist = parts["occdist_scale"]
+    occdist = parts[OBSTACLE_TERM]
     (first_line, *_) = explanation.lines
     assert costs_text in first_line
     assert ": occdist_scale 0.8 " in first_line
@@ -262,7 +263,7 @@ def test_a_sim_time_that_leads_past_the_end_of_the_plan_is_named(sound):
     # The plan ends 1 m ahead.
     short_plan = cycle.plan[: int(np.argmax(from_robot > 1.0))]
     words = explain(sound, replace(cycle, settings=long_time, plan=short_plan)).words
-    assert words.startswith("no faster way is sampled than 0.1")
+    assert words.startswith("no command faster than 0.1")
     assert words.endswith("acc_lim_x 10, sim_time 10 before the end of the plan)")
 
 
@@ -273,7 +274,7 @@ def test_the_end_of_a_plan_is_named_only_if_it_is_too_near_for_full_speed():
     for row_count, is_named in ((5, True), (11, False)):
         near_end = replace(cycle, plan=cycle.plan[:row_count])
         words = explained(near_end, [slow], [1.0]).words
-        assert words.startswith("no faster way is sampled than 0.10 m/s")
+        assert words.startswith("no command faster than 0.10 m/s is sampled")
         assert ("sim_time 2 before the end of the plan" in words) == is_named
 
 
@@ -292,7 +293,7 @@ def test_samples_that_dwa_refuses_are_explained():
     lowered = Change(replay.planner.name, "max_vel_trans", 0.26, 0.08)
     crossed = replace(backs_out, settings=backs_out.settings.with_(lowered))
     assert explain(replay, crossed).words == (
-        "every straight way is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
+        "every straight command is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
         "no straight command is allowed"
     )
 
@@ -312,7 +313,25 @@ def test_samples_that_dwa_refuses_are_explained():
     all_flags_set = Memory([1.0] * len(last_cycle.memory.flags))
     oscillates = replace(last_cycle, memory=all_flags_set)
     last_line = explain(replay, oscillates).lines[-1]
-    assert "is refused by the critic oscillation" in last_line
+    assert last_line.endswith(
+        "is barred after a change of direction, until the robot has moved by 0.05 m "
+        "(oscillation_reset_dist) or turned by 0.2 rad (oscillation_reset_angle)."
+    )
+
+
+@pytest.mark.parametrize("term", [*(critic.term for critic in CRITICS), *SCALES])
+def test_each_part_of_the_costs_has_a_sentence(term):
+    values = {**start_values(JACKAL), **start_values(WAFFLE)}
+    slow = (0.1, 0.0)
+    cycle = replace(cycle_of(command=slow), settings=Settings({PLANNER: values}))
+    velocities = [(0.5, 0.0), slow]
+    outbid = explained(cycle, velocities, [2.0, 1.0], term).words
+    refused = explained(cycle, velocities, [-1.0, 1.0], term).words
+
+    weight = f"{term.parameter} {values[term.parameter]:g}"
+    assert outbid == f"every faster command {term.objection}, which costs too much at {weight}"
+    if term.refusal:
+        assert refused == f"every faster command {term.refusal.format(**values)}"
 
 
 @pytest.mark.parametrize(

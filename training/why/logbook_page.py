@@ -42,8 +42,9 @@ DRIVEN = (
     "arrive counts with its time limit."
 )
 FRAMES = (
-    "Stops within a robot's length in the same frame are one place. Odometry begins anew at each "
-    "start of the robot: two of its frames are drawn as one only if the laser saw the same there."
+    "Stops within a robot's length in the same frame are one place. Odometry, also if scan "
+    "matching corrects it (matched), begins anew at each start of the robot: two of its frames are "
+    "drawn as one only if the laser saw the same there."
 )
 
 

@@ -207,8 +207,10 @@ def _stops_there(change: CommonChange, number: int) -> bool:
 def place_in_words(place: StopPlace) -> str:
     """Return where a place is."""
     worst_stop = place.stops[0]
+    answer = worst_stop.bag.answer
     x, y = worst_stop.position
-    return f"({x:.2f}, {y:.2f}) in {worst_stop.bag.answer.frame}"
+    words = f"({x:.2f}, {y:.2f}) in {answer.frame}"
+    return words if answer.is_shared else f"{words} (odometry since that start)"
 
 
 def stop_in_words(logged: LoggedStop) -> str:

@@ -2,18 +2,6 @@
 // values_of() of answer.py.
 const PLAN_DASH = [6, 5]; // dashes of a plan [px]
 const AROUND_M = 2.5; // half of the side of the map of a moment
-const NAMES = {
-  path_distance_bias: "distance to the plan",
-  path: "distance to the plan",
-  goal_distance_bias: "distance to the local goal",
-  goal: "distance to the local goal",
-  occdist_scale: "nearness to obstacles",
-  obstacle: "nearness to obstacles",
-  alignment: "front beside the plan",
-  goal_front: "front away from the goal",
-  twirling: "turning",
-  oscillation: "oscillation",
-};
 // Words of the command with the arrows of the page.
 function readable(words) {
   return words.replaceAll(" -> ", " → ").replaceAll(" -0.", " −0.");
@@ -321,7 +309,7 @@ function costBars(cycle) {
   const parts = used.map((name, n) => ({
     swatch: "square",
     color: `var(--part-${n % 7})`,
-    words: NAMES[name] ? `${NAMES[name]} (${name})` : name,
+    words: name,
   }));
   const missing = cycle.driving ? null : make("p", {class: "note"}, "No faster sample is legal.");
   return make("div", {}, grid, missing, legend(parts));

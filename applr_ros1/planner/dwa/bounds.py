@@ -9,6 +9,8 @@ border than the rounding errors can reach.
 import math
 from typing import NamedTuple, Tuple
 
+import numpy as np
+
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
@@ -17,7 +19,7 @@ from applr_ros1.planner.distance_grid import at_least, final_distance, place
 from applr_ros1.planner.dwa import samples
 from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
 from applr_ros1.planner.dwa.critics.oscillation import is_barred
-from applr_ros1.planner.dwa.critics.registry import lower_bound
+from applr_ros1.planner.dwa.critics.registry import OBSTACLE, READERS, lower_bound, weights
 from applr_ros1.planner.dwa.records import (
     FRONT,
     GOAL,
@@ -26,6 +28,7 @@ from applr_ros1.planner.dwa.records import (
     DWAScene,
     DWAScratch,
     grid_of,
+    row_of,
 )
 from applr_ros1.planner.dwa.samples import SampleCounts, commanded, ground_speed
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
@@ -62,15 +65,19 @@ class EndCells(NamedTuple):
 
 
 class DWAFloodLimits(NamedTuple):
-    """Distances [cells] up to which grids are flooded for the bounds, -1 if no sample is legal."""
+    """Distances [cells] up to which grids are flooded for the bounds, -1 if no sample is legal.
+
+    In the order of the rows of DWAGrids.
+    """
 
     path: int
     goal: int
     front: int
+    alignment: int
 
 
 UNCERTAIN = EndCells(AT_BORDER, AT_BORDER, AT_BORDER, AT_BORDER)
-NO_SAMPLE = DWAFloodLimits(-1, -1, -1)
+NO_SAMPLE = DWAFloodLimits(-1, -1, -1, -1)
 
 
 @kernel
@@ -195,10 +202,7 @@ def fill_bounds(
     heap = scratch.heap
     is_probed = scratch.is_probed
     start = scratch.start[0]
-    path_grid = grid_of(grids, PATH)
-    goal_grid = grid_of(grids, GOAL)
-    front_grid = grid_of(grids, FRONT)
-    alignment_grid = grid_of(grids, grids.facts[0].alignment_row)
+    distances = grids.distances
     footprint = scene.footprint
     origin_x = scene.ox
     origin_y = scene.oy
@@ -209,11 +213,6 @@ def fill_bounds(
 
     # Critics of weight 0 reject nothing.
     by_obstacle = p.occdist_scale != 0.0
-    by_path = p.path_scale != 0.0
-    by_goal = p.goal_scale != 0.0
-    by_alignment = p.alignment_scale != 0.0
-    by_end = by_path or by_goal
-    by_nose = by_goal or by_alignment
 
     # The first point of every sample is the robot's current pose, whose cost depends on the sample
     # only through the scale of the footprint.
@@ -225,6 +224,21 @@ def fill_bounds(
     outline_cost_here = obstacle_cost = centre_cost
     scale_here = -1.0
     outline = outline_of(scene, scaled_footprint)
+
+    # Critics that read a grid, except for those of weight 0, which reject nothing
+    critic_weights = weights(p)
+    readers = READERS.copy()
+    reader_count = 0
+    by_end = by_nose = False
+    for i in range(len(READERS)):
+        reader = READERS[i]
+        if critic_weights[reader.critic] != 0.0:
+            by_end |= not reader.at_nose
+            by_nose |= reader.at_nose
+            readers[reader_count] = reader
+            readers[reader_count].row = row_of(grids, reader.row)
+            readers[reader_count].limit = limits[reader.row]
+            reader_count += 1
 
     sample_count = 0
     for ix in range(axis_counts.vx):
@@ -272,9 +286,8 @@ def fill_bounds(
                     if outline_cost_here < 0:
                         continue
 
-                # The grids' critics at the last point and its nose. A value above the number of
-                # cells means that the flood has not come that far.
-                front_distance = alignment_distance = path_distance = goal_distance = 0
+                # Cells of the last point and of its nose
+                end_index = nose_index = 0
                 if by_end or by_nose:
                     cells = UNCERTAIN
                     if p.use_dwa:
@@ -295,41 +308,33 @@ def fill_bounds(
                         if not (0 <= cells.end_x < columns and 0 <= cells.end_y < rows):
                             continue
                         end_index = (cells.end_y + 1) * row_step + cells.end_x + 1
-                        if by_path:
-                            path_distance = path_grid.distance[end_index]
-                            if path_distance > cell_count:
-                                path_distance = at_least(path_grid, end_index, limits.path)
-                            if path_distance >= cell_count:
-                                continue
-                        if by_goal:
-                            goal_distance = goal_grid.distance[end_index]
-                            if goal_distance > cell_count:
-                                goal_distance = at_least(goal_grid, end_index, limits.goal)
-                            if goal_distance >= cell_count:
-                                continue
                     if by_nose:
                         if not (0 <= cells.nose_x < columns and 0 <= cells.nose_y < rows):
                             continue
                         nose_index = (cells.nose_y + 1) * row_step + cells.nose_x + 1
-                        if by_goal:
-                            front_distance = front_grid.distance[nose_index]
-                            if front_distance > cell_count:
-                                front_distance = at_least(front_grid, nose_index, limits.front)
-                        if by_alignment:
-                            alignment_distance = alignment_grid.distance[nose_index]
-                            if alignment_distance > cell_count:
-                                alignment_distance = at_least(
-                                    alignment_grid, nose_index, limits.path
-                                )
 
+                # The critics that read a grid there. A value above the number of cells means that
+                # the flood has not come that far. Unsigned indices spare numba the wrap-around of
+                # negative ones.
                 sample_number = (ix * axis_counts.vy + iy) * axis_counts.w + iw
-                known = known_of[sample_number]
-                known.front = front_distance
-                known.alignment = alignment_distance
-                known.path = path_distance
-                known.goal = goal_distance
-                known.obstacle = obstacle_cost
-                cost_bound = lower_bound(p, known, stored_velocity)
+                known_row = np.uintp(sample_number)
+                is_refused = False
+                for i in range(reader_count):
+                    reader = readers[i]
+                    grid_index = nose_index if reader.at_nose else end_index
+                    distance = distances[np.uintp(reader.row), np.uintp(grid_index)]
+                    if distance > cell_count:
+                        grid = grid_of(grids, reader.row)
+                        distance = at_least(grid, grid_index, reader.limit)
+                    if reader.refuses and distance >= cell_count:
+                        is_refused = True
+                        break
+                    known_of[known_row, np.uintp(reader.critic)] = distance
+                if is_refused:
+                    continue
+
+                known_of[known_row, OBSTACLE] = obstacle_cost
+                cost_bound = lower_bound(p, known_of, known_row, stored_velocity)
                 sample_count = add(bounds, heap, is_probed, sample_count, sample_number, cost_bound)
     return sample_count
 
@@ -380,7 +385,12 @@ def _limits_from_here(
         front_distance = min(
             at_least(grid_of(grids, FRONT), start_index, goal_distance + reach), cell_count
         )
-    return DWAFloodLimits(path_distance + reach, goal_distance + reach, front_distance + reach)
+    return DWAFloodLimits(
+        path=path_distance + reach,
+        goal=goal_distance + reach,
+        front=front_distance + reach,
+        alignment=path_distance + reach,
+    )
 
 
 @kernel(error_model="numpy")

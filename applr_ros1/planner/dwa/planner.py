@@ -12,8 +12,9 @@ import numpy as np
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.dwa.critics.oscillation import clear, remember
-from applr_ros1.planner.dwa.critics.registry import CRITICS, weights
+from applr_ros1.planner.dwa.critics.registry import ALL, CRITICS, weights
 from applr_ros1.planner.dwa.records import (
+    ALIGNMENT,
     FRONT,
     GOAL,
     PARAMETERS,
@@ -29,6 +30,7 @@ from applr_ros1.planner.dwa.search import find_best, prepare
 from applr_ros1.planner.dwa.total_cost import Samples, score_all_samples, total_cost
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
 from applr_ros1.planner.sampling_planner import (
+    CostParts,
     CycleChoice,
     SamplingPlanner,
     Velocity,
@@ -101,7 +103,7 @@ class DWAPlanner(SamplingPlanner):
         record["alignment_scale"] = record["path_scale"]
 
     def _allocate_scratch(self, *samples: int) -> Any:
-        return allocate_scratch(*samples)
+        return allocate_scratch(ALL, *samples)
 
     @property
     def scales(self) -> List[float]:
@@ -124,16 +126,16 @@ class DWAPlanner(SamplingPlanner):
 
     def sample_costs(
         self, costmap: Any, command: Sequence[float]
-    ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
+    ) -> Tuple[np.ndarray, np.ndarray, CostParts]:
         """Return velocities, costs and the parts of the costs of all samples of the last search.
 
         Returns:
-            v, w (m, 2), total costs (m,), and by critic its weighted part of the costs (m,).
+            v, w (m, 2), total costs (m,), and by term its weighted part of the costs (m,).
         """
         samples = self.score_all_samples()
         cost_parts = {}
-        for i, critic_name in enumerate(CRITICS):
-            cost_parts[critic_name] = samples.critics[:, i] * self.scales[i]
+        for i, critic in enumerate(CRITICS):
+            cost_parts[critic.term] = samples.critics[:, i] * self.scales[i]
         # A sample that the generator rejects has no trajectory whose velocity could be given.
         velocities = np.where(samples.counts[:, None] > 0, samples.stored, samples.velocities)
         return velocities[:, [0, 2]], samples.costs, cost_parts
@@ -226,7 +228,7 @@ class DWAPlanner(SamplingPlanner):
         return {
             "samples": len(samples.costs),
             "velocity limits": int((samples.counts == 0).sum()),
-            **{critic_name: int(count) for critic_name, count in zip(CRITICS, counts_by_critic)},
+            **{critic.term.name: int(count) for critic, count in zip(CRITICS, counts_by_critic)},
         }
 
     def grids(self) -> List[np.ndarray]:
@@ -235,8 +237,7 @@ class DWAPlanner(SamplingPlanner):
         The grids are (ny, nx) int32. With N cells on the map, N is an obstacle and N + 1 a cell
         that no flood has reached.
         """
-        grid_rows = (PATH, GOAL, FRONT, int(self._grids.facts["alignment_row"][0]))
-        return [complete(grid_of(self._grids, grid_row)) for grid_row in grid_rows]
+        return [complete(grid_of(self._grids, row)) for row in (PATH, GOAL, FRONT, ALIGNMENT)]
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return costs (k, 7) of the cells free for the robot's centre, for display.

@@ -36,11 +36,6 @@ STATE = record(
 # critic reads. The row is PATH while the critic is on, because both grids are then the same.
 FACTS = record("", "flooded alignment_row")
 
-# What is known of a sample before its roll-out, for the bounds of the critics: lower bounds of the
-# distances on the four grids at its end [cells], and of its obstacle cost. With 32 bits, a table of
-# some ten thousand samples stays in the cache.
-KNOWN = np.dtype([(name, np.int32) for name in ("front", "alignment", "path", "goal", "obstacle")])
-
 
 class DWAScene(NamedTuple):
     """Surroundings of the robot in one cycle."""
@@ -75,7 +70,10 @@ class DWAScratch(NamedTuple):
     sampled_vx: Data  # sampled values of vx [m/s]
     sampled_vy: Data  # sampled values of vy [m/s]
     sampled_w: Data  # sampled values of w [rad/s]
-    known: Data  # KNOWN of the samples
+    # Lower bounds (m, ALL) of the critics' values, as far as bounds.py finds one before a sample is
+    # rolled out: distances on grids [cells] and obstacle costs. With 32 bits, the table of some ten
+    # thousand samples stays in the cache.
+    known: Data
     bounds: Data  # see search.best_first.next_step
     heap: Data
     is_probed: Data
@@ -96,15 +94,24 @@ def allocate_grids(nx: int, ny: int) -> DWAGrids:
 
 
 @kernel
+def row_of(grids: DWAGrids, row: int) -> int:
+    """Return the row with the grid of a row: ALIGNMENT may share that of PATH, see FACTS."""
+    return grids.facts[0].alignment_row if row == ALIGNMENT else row
+
+
+@kernel
 def grid_of(grids: DWAGrids, row: int) -> DistanceGrid:
-    """Return one of the four grids."""
+    """Return the grid of a row."""
+    row = row_of(grids, row)
     return DistanceGrid(
         grids.distances[row], grids.queues[row], grids.ends[row], grids.nx, grids.ny
     )
 
 
-def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> DWAScratch:
-    """Return scratch memory for these numbers of samples.
+def allocate_scratch(
+    critic_count: int, vx_samples: int, vy_samples: int, vth_samples: int
+) -> DWAScratch:
+    """Return scratch memory for these numbers of critics and samples.
 
     An axis has at least two values and maybe an extra zero.
     """
@@ -116,7 +123,7 @@ def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> DWAS
         sampled_vx=sampled_vx,
         sampled_vy=sampled_vy,
         sampled_w=sampled_w,
-        known=np.zeros(sample_count, KNOWN),
+        known=np.zeros((sample_count, critic_count), np.int32),
         bounds=np.zeros(sample_count),
         heap=np.zeros(sample_count, np.int64),
         is_probed=np.zeros(sample_count, np.uint8),

@@ -17,7 +17,7 @@ from applr_ros1.planner.distance_grid import place, reset, start_at, start_at_pl
 from applr_ros1.planner.dwa.bounds import fill_bounds, probe_sample
 from applr_ros1.planner.dwa.critics import oscillation
 from applr_ros1.planner.dwa.critics.obstacle import footprint_scale, scale_footprint
-from applr_ros1.planner.dwa.critics.registry import lower_bound
+from applr_ros1.planner.dwa.critics.registry import OBSTACLE, lower_bound
 from applr_ros1.planner.dwa.records import (
     ALIGNMENT,
     FRONT,
@@ -196,21 +196,21 @@ def _search(
             answer, _ = total_cost(p, state, scene, grids, points, stored_velocity, step.best_cost)
         else:
             # A closer bound from a few poses, before the whole trajectory is rolled out
-            known = known_of[step.number]
             answer = bounds[step.number]
+            known_obstacle = known_of[step.number, OBSTACLE]
             if p.occdist_scale != 0.0:
                 cost_limit = HUGE
                 if step.best_cost < HUGE:
                     raise_limit = (step.best_cost - answer) / p.occdist_scale
-                    cost_limit = known.obstacle + raise_limit + 1.0
+                    cost_limit = known_obstacle + raise_limit + 1.0
                 speed = ground_speed(stored_velocity.vx, stored_velocity.vy)
                 scale_footprint(scene.footprint, footprint_scale(p, speed), scaled_footprint)
                 obstacle_cost = probe_sample(
-                    p, scene, scaled_footprint, start, heading, sample, known.obstacle, cost_limit
+                    p, scene, scaled_footprint, start, heading, sample, known_obstacle, cost_limit
                 )
                 answer = -1.0
                 if obstacle_cost >= 0:
-                    known.obstacle = obstacle_cost
-                    answer = lower_bound(p, known, stored_velocity)
+                    known_of[step.number, OBSTACLE] = obstacle_cost
+                    answer = lower_bound(p, known_of, step.number, stored_velocity)
         step = next_step(bounds, heap, is_probed, step, answer)
     return step

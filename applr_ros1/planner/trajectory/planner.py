@@ -16,6 +16,11 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import (
+    GOAL_TERM,
+    OBSTACLE_TERM,
+    PATH_TERM,
+    CostParts,
+    CostTerm,
     CycleChoice,
     SamplingPlanner,
     Velocity,
@@ -35,11 +40,11 @@ from applr_ros1.planner.trajectory.sampling import find_best_path, remember
 from applr_ros1.planner.trajectory.scoring import Score, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-# fields of PARAMETERS that weight the parts of a cost, by the names of their parameters
-WEIGHTS = {
-    "path_distance_bias": "path_scale",
-    "goal_distance_bias": "goal_scale",
-    "occdist_scale": "occdist_scale",
+# Fields of PARAMETERS with the weights of the parts of a cost
+SCALES = {
+    PATH_TERM: "path_scale",
+    GOAL_TERM: "goal_scale",
+    OBSTACLE_TERM: "occdist_scale",
 }
 
 
@@ -113,7 +118,7 @@ class TrajectoryPlanner(SamplingPlanner):
 
     def sample_costs(
         self, costmap: Costmap, command: Sequence[float]
-    ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
+    ) -> Tuple[np.ndarray, np.ndarray, CostParts]:
         """Return velocities, costs and their parts of the last forward samples and a command.
 
         The cost of an illegal sample is negative, its parts are 0.
@@ -123,7 +128,7 @@ class TrajectoryPlanner(SamplingPlanner):
             command: v [m/s], w [rad/s]. It comes after the samples.
 
         Returns:
-            v, w (m, 2), costs (m,), and by the name of its weight each part of the costs (m,).
+            v, w (m, 2), costs (m,), and by term each part of the costs (m,).
         """
         samples = []
         for v in self._scratch.speeds.tolist():
@@ -132,21 +137,21 @@ class TrajectoryPlanner(SamplingPlanner):
         samples.append((float(command[0]), float(command[1])))
 
         # A part is the cost when only its weight is not 0.
-        costs = self._costs(costmap, samples, WEIGHTS)
+        costs = self._costs(costmap, samples, SCALES)
         cost_parts = {}
-        for weight_name in WEIGHTS:
-            cost_parts[weight_name] = np.maximum(self._costs(costmap, samples, (weight_name,)), 0.0)
+        for term in SCALES:
+            cost_parts[term] = np.maximum(self._costs(costmap, samples, (term,)), 0.0)
         return np.array(samples), costs, cost_parts
 
     def _costs(
-        self, costmap: Costmap, samples: Sequence[Twist], weights: Collection[str]
+        self, costmap: Costmap, samples: Sequence[Twist], terms: Collection[CostTerm]
     ) -> np.ndarray:
-        """Return the costs (m,) of samples (v, w) if only the named weights are not 0."""
+        """Return the costs (m,) of samples (v, w) if only the weights of these terms are not 0."""
         scene = self._scene_of(costmap)
         start = self._scratch.start[0]
         params = self._params.copy()
-        for weight_name, field_name in WEIGHTS.items():
-            if weight_name not in weights:
+        for term, field_name in SCALES.items():
+            if term not in terms:
                 params[field_name] = 0.0
         costs = []
         for v, w in samples:

@@ -10,11 +10,11 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.planner.dwa.critics import registry
-from applr_ros1.planner.dwa.critics.registry import lower_bound
+from applr_ros1.planner.dwa.critics.registry import CRITICS
 from applr_ros1.planner.dwa.planner import DWAPlanner
-from applr_ros1.planner.dwa.records import KNOWN
 from applr_ros1.planner.dwa.total_cost import NOTHING_LEGAL
 from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
 from applr_ros1.planner.sampling_planner import Velocity
 from tests.support.scenes import open_map
 
@@ -99,29 +99,50 @@ def test_refusals_count_the_rejected_samples_by_critic():
     assert counted(planner) == {"samples": 6, "velocity limits": 6}
 
 
-def test_each_file_of_a_critic_is_in_all_lists():
+def test_critics_are_the_files_of_their_folder_and_have_parameters():
     files = {path.stem for path in Path(registry.__file__).parent.glob("*.py")}
-    assert files - {"__init__", "critic", "distance", "registry"} == set(registry.CRITICS)
-    assert len(registry.rows()) == len(set(registry.rows())) == registry.ALL
+    names = [critic.term.name for critic in CRITICS]
+    assert sorted(files - {"__init__", "critic", "distance", "registry"}) == sorted(names)
+    parameters = {parameter.name for parameter in DWA_PLANNER}
+    for critic in CRITICS:
+        assert critic.term.parameter in parameters
+        # `why` needs words for a refusal.
+        assert bool(critic.term.refusal) == (critic.refuses != "nothing")
 
 
-def test_a_lower_bound_has_the_weights_of_the_cost():
-    """With the values as bounds, the bound is the cost."""
-    planner = DWAPlanner(dict(BURGER, twirling_scale=0.7), 0.1)
+@pytest.mark.parametrize("critic", CRITICS, ids=lambda critic: critic.term.name)
+def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic(critic):
+    """A greater weight makes samples dearer, and the search still finds the cheapest."""
     costmap = small_map()
     costmap.cells[:] = 20
-    planner.find_best_path(costmap, [(0, 0), (1, 0.3)], ORIGIN, (0.1, 0, 0.2))
-    samples = planner.score_all_samples()
-    number = int(np.argmax(samples.costs))
-    values = dict(zip(registry.CRITICS, samples.critics[number]))
-    assert min(values[name] for name in registry.CRITICS if name != "oscillation") > 0
-    known = np.zeros(1, KNOWN)[0]
-    known["front"] = values["goal_front"]
-    for name in ("alignment", "path", "goal", "obstacle"):
-        known[name] = values[name]
+    weight = BURGER[critic.term.parameter]
+    costs = []
+    weights = []
+    for parameters in ({}, {critic.term.parameter: weight + 0.5}):
+        planner = DWAPlanner(dict(BURGER, **parameters), 0.1)
+        choice = planner.find_best_path(costmap, [(0, 0), (1, 0.3)], ORIGIN, (0.1, 0, 0.2))
+        samples = planner.score_all_samples()
+        is_legal = samples.costs >= 0
+        costs.append(samples.costs[is_legal])
+        weights.append(planner.scales[CRITICS.index(critic)])
+        # The search follows the bounds.
+        assert choice.cost == costs[-1].min()
+    values = samples.critics[is_legal]
+    np.testing.assert_allclose(costs[-1], values @ planner.scales)
 
+    # With the values as bounds, the bound is the cost.
+    number = int(np.argmax(samples.costs))
+    known = samples.critics[number : number + 1]
     velocity = Velocity(*samples.stored[number].tolist())
-    assert lower_bound(planner.in_force, known, velocity) == samples.costs[number]
+    bound = registry.lower_bound(planner.in_force, known, 0, velocity)
+    assert bound == samples.costs[number]
+
+    if critic.scale:
+        assert weights[1] > weights[0]
+        assert (values[:, CRITICS.index(critic)] > 0).any()
+        assert (costs[1] > costs[0]).any()
+    else:  # A critic that only refuses
+        assert (costs[1] == costs[0]).all()
 
 
 def test_a_reset_planner_equals_a_new_one():

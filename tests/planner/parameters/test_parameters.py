@@ -95,8 +95,10 @@ def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
     # The robot's file has 0.
     tree = dict(DWA, DWAPlannerROS=dict(cpp_values, vy_samples=0))
     assert check(tree) == []
-    for name, value in Configuration(complete(tree))["DWAPlannerROS"].items():
-        assert value == cpp_values[name], name
+    values = Configuration(complete(tree))["DWAPlannerROS"]
+    # C++ reads others once, and this server may have parameters of its own.
+    for name in values.keys() & cpp_values.keys():
+        assert values[name] == cpp_values[name], name
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from training.why.logbook_words import (
     by_reason,
     how_sure,
     lines_of,
+    place_in_words,
 )
 from training.why.recorded import BagAnswerOptions
 from training.why.whole_drives import Arrival, DrivenCourse, try_out
@@ -222,6 +223,19 @@ def test_matched_poses_begin_anew_at_each_start_as_odometry_does(frame, route_fr
     assert placed_frame(recording, None) == (frame, False, (0.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("frame", "is_shared", "words"),
+    [
+        ("map", True, "(1.00, 0.00) in map"),
+        ("matched", False, "(1.00, 0.00) in matched (odometry since that start)"),
+    ],
+)
+def test_a_place_in_a_frame_of_one_start_says_so(frame, is_shared, words):
+    bag = logged_bag(stop_at(1.0), frame=frame, is_shared=is_shared)
+    (place,) = book_of(bag).places
+    assert place_in_words(place) == words
+
+
 def test_a_map_lies_under_the_drives_in_its_frame_alone():
     cells = np.zeros((4, 4), np.int8)
     cells[1, 2] = OCCUPIED
@@ -235,7 +249,7 @@ def test_a_map_lies_under_the_drives_in_its_frame_alone():
 
 
 def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day():
-    near = "every faster way meets the obstacle {} m ahead and 0.1 m to the left, from the scan"
+    near = "every faster command meets the obstacle {} m ahead and 0.1 m to the left, from the scan"
     bags = [
         logged_bag(
             stop_at(0.0, reason=near.format(0.5)),
@@ -253,7 +267,7 @@ def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day(
     book = book_of(*bags)
     reasons = [str(group) for group in by_reason(book.stops)]
     assert reasons == [
-        "20 s in 2 stops: every faster way meets an obstacle",
+        "20 s in 2 stops: every faster command meets an obstacle",
         "5 s in 1 stop: there was no scan for 3.2 s",
     ]
     words = [group.words for group in by_parameter(book.stops)]

@@ -64,7 +64,9 @@ def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     # From outside nothing is wrong.
     assert (first_answer.kind, first_answer.reason) == ("crept", "")
     assert first_answer.reproduced == 0.0
-    assert answer.reason == "no faster way is sampled than 0.10 m/s (vx_samples 1, acc_lim_x 10)"
+    assert (
+        answer.reason == "no command faster than 0.10 m/s is sampled (vx_samples 1, acc_lim_x 10)"
+    )
     assert answer.reproduced > 0.95
     assert answer.parameter == f"{PLANNER}/vx_samples"
     assert (answer.before, answer.after) == (1, 2)
@@ -72,7 +74,7 @@ def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     assert answer.frame == "odom"
     words = str(answer)
     assert words.startswith("the robot crept for 12 s at (")
-    assert "because no faster way" in words
+    assert "because no command faster than" in words
     assert words.endswith(f"; try {PLANNER}/vx_samples 1 -> 2")
     assert answer.values()["sentence"] == words
 
@@ -178,7 +180,7 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     stop = RobotStop("gave up its goal", BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
     *_, answer = answers(tmp_path / "gave_up.bag", robot, no_event, stop)
     assert answer.kind == "gave up its goal"
-    assert answer.reason.startswith("no faster way is sampled")
+    assert answer.reason.startswith("no command faster than")
     assert (answer.x, answer.y) == (0.5, 0.25)
 
 

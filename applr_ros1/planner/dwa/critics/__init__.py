@@ -1,6 +1,8 @@
-"""The critics of DWAPlannerROS, one file each; registry.py has the lists of all.
+"""The critics of DWAPlannerROS, one file each. registry.py has them in the order of C++.
 
-A critic's file has its row on the page of rules (ROW), and three kernels: the weight, the value of
-a trajectory, and a lower bound of this value that is known before the roll-out. A negative value
-refuses the trajectory. See docs/explanation/planner_dwa.md, section 6.
+A critic's file has its description, CRITIC (critic.py), and a kernel `value` whose arguments are
+any of those of registry.value. A negative value refuses the trajectory. A critic that reads a
+distance grid has no kernel, and its value's lower bound is found before the roll-out (bounds.py).
+Otherwise a kernel `bound` may return one, of arguments of registry.lower_bound; without it, the
+bound is 0. See docs/explanation/planner_dwa.md, section 6.
 """

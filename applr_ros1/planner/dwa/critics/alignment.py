@@ -1,35 +1,19 @@
 """Critic "nose on path": the distance of the robot's nose from the path, except near its end."""
 
-from applr_ros1.common.arrays import Data
-from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import CriticRow
-from applr_ros1.planner.dwa.critics.distance import at_end
-from applr_ros1.planner.dwa.records import ALIGNMENT, DWAGrids, DWAScene
-from applr_ros1.planner.sampling_planner import Record
+from applr_ros1.planner.dwa.critics.critic import Critic, GridReading
+from applr_ros1.planner.dwa.records import ALIGNMENT
+from applr_ros1.planner.sampling_planner import CostTerm
 
-ROW = CriticRow(
-    "nose on path",
-    "path weight or 0",
-    "its grid at the last point's nose",
-    "-4: a nose off the map",
+CRITIC = Critic(
+    CostTerm(
+        name="alignment",
+        title="nose on path",
+        parameter="path_distance_bias",
+        objection="takes the robot's nose farther away from the plan",
+        refusal="takes the robot's nose off the local costmap",
+    ),
+    scale="alignment_scale",
+    value="its grid at the last point's nose",
+    refuses="-4: a nose off the map",
+    grid=GridReading(ALIGNMENT, at_nose=True, refuses=False),
 )
-
-
-@kernel(inline="always")
-def weight(p: Record) -> float:
-    """Return the weight of the critic."""
-    return p.alignment_scale
-
-
-@kernel(inline="always")
-def value(p: Record, scene: DWAScene, grids: DWAGrids, points: Data) -> float:
-    """Return the value for a trajectory through the points (k, 3)."""
-    facts = grids.facts[0]
-    grid_row = facts.alignment_row if facts.flooded else ALIGNMENT
-    return at_end(scene, grids, grid_row, points, p.forward_point_distance, False)
-
-
-@kernel(inline="always")
-def bound(known: Record) -> float:
-    """Return a lower bound of the value. known: KNOWN record of the sample."""
-    return float(known.alignment)

@@ -1,33 +1,15 @@
 """Critic "goal": the distance of the last point from the local goal."""
 
-from applr_ros1.common.arrays import Data
-from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import CriticRow
-from applr_ros1.planner.dwa.critics.distance import at_end
-from applr_ros1.planner.dwa.records import GOAL, DWAGrids, DWAScene
-from applr_ros1.planner.sampling_planner import Record
+from applr_ros1.planner.dwa.critics.critic import Critic, GridReading
+from applr_ros1.planner.dwa.records import GOAL
+from applr_ros1.planner.sampling_planner import GOAL_TERM
 
-ROW = CriticRow(
-    "goal",
-    "goal weight",
-    "its grid at the last point",
-    "the same",
+CRITIC = Critic(
+    GOAL_TERM._replace(
+        name="goal", refusal="passes through cells from which the local goal cannot be reached"
+    ),
+    scale="goal_scale",
+    value="its grid at the last point",
+    refuses="as the critic above",
+    grid=GridReading(GOAL, at_nose=False, refuses=True),
 )
-
-
-@kernel(inline="always")
-def weight(p: Record) -> float:
-    """Return the weight of the critic."""
-    return p.goal_scale
-
-
-@kernel(inline="always")
-def value(scene: DWAScene, grids: DWAGrids, points: Data) -> float:
-    """Return the value for a trajectory through the points (k, 3)."""
-    return at_end(scene, grids, GOAL, points, 0.0, True)
-
-
-@kernel(inline="always")
-def bound(known: Record) -> float:
-    """Return a lower bound of the value. known: KNOWN record of the sample."""
-    return float(known.goal)

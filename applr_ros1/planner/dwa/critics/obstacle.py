@@ -1,6 +1,7 @@
 """Critic "obstacle": the costs under the robot's outline and centre (ObstacleCostFunction).
 
-Its bound is the cost at a few poses, the current one first. A fast robot's footprint is enlarged.
+bounds.py finds its bound: the cost at a few poses, the current one first. A fast robot's footprint
+is enlarged.
 """
 
 import math
@@ -11,31 +12,28 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.dwa.critics.critic import COLLIDES, CriticRow
+from applr_ros1.planner.dwa.critics.critic import COLLIDES, Critic
 from applr_ros1.planner.dwa.records import DWAScene
-from applr_ros1.planner.sampling_planner import Record
+from applr_ros1.planner.dwa.samples import ground_speed
+from applr_ros1.planner.sampling_planner import OBSTACLE_TERM, Record, Velocity
 
-ROW = CriticRow(
-    "obstacle",
-    "`occdist_scale`",
-    "largest cost under outline and centre (`sum_scores`: the points' sum)",
-    "-6: outline off the map or on cost 254 or 255",
+CRITIC = Critic(
+    OBSTACLE_TERM._replace(
+        name="obstacle", refusal="touches unknown space, or the edge of the local costmap"
+    ),
+    scale="occdist_scale",
+    value="largest cost under outline and centre (`sum_scores`: the points' sum)",
+    refuses="-6: outline off the map or on cost 254 or 255",
 )
 
 
-@kernel(inline="always")
-def weight(p: Record) -> float:
-    """Return the weight of the critic."""
-    return p.occdist_scale
-
-
 @kernel
-def value(p: Record, scene: DWAScene, points: Data, speed: float) -> float:
+def value(p: Record, scene: DWAScene, points: Data, velocity: Velocity) -> float:
     """Return the largest cost at any of the points (k, 3), or COLLIDES if one of them is illegal.
 
-    With sum_scores, return the sum of all costs. speed: speed over ground [m/s], which enlarges the
-    footprint.
+    With sum_scores, return the sum of all costs. The speed of the velocity enlarges the footprint.
     """
+    speed = ground_speed(velocity.vx, velocity.vy)
     cells = scene.cells
     rows, columns = cells.shape
     scaled_footprint = np.empty_like(scene.footprint)
@@ -59,12 +57,6 @@ def value(p: Record, scene: DWAScene, points: Data, speed: float) -> float:
         largest_cost = max(largest_cost, cost)
         cost_sum += cost
     return float(cost_sum if p.sum_scores else largest_cost)
-
-
-@kernel(inline="always")
-def bound(known: Record) -> float:
-    """Return a lower bound of the value. known: KNOWN record of the sample."""
-    return float(known.obstacle)
 
 
 @kernel(error_model="numpy")

@@ -1,7 +1,7 @@
 """Critic "oscillation": bars a direction after a reversal until the robot has moved on.
 
-This is OscillationCostFunction, see docs/explanation/planner_dwa.md, section 7. Its bound is its
-value, so that samples in a barred direction are no candidates at all (bounds.fill_bounds).
+This is OscillationCostFunction, see docs/explanation/planner_dwa.md, section 7. Samples in a barred
+direction are no candidates at all (bounds.fill_bounds).
 """
 
 from typing import Tuple
@@ -9,28 +9,29 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import OSCILLATES, CriticRow
-from applr_ros1.planner.sampling_planner import Record, Velocity
+from applr_ros1.planner.dwa.critics.critic import OSCILLATES, Critic
+from applr_ros1.planner.sampling_planner import CostTerm, Record, Velocity
 
-ROW = CriticRow("oscillation", "1", "0", "-5: barred by the flags of section 7")
-
-
-@kernel(inline="always")
-def weight(p: Record) -> float:
-    """Return the weight of the critic."""
-    return 1.0
+CRITIC = Critic(
+    CostTerm(
+        name="oscillation",
+        title="oscillation",
+        parameter="oscillation_reset_dist",
+        objection="reverses the robot's direction",
+        refusal="is barred after a change of direction, until the robot has moved by "
+        "{oscillation_reset_dist:g} m (oscillation_reset_dist) or turned by "
+        "{oscillation_reset_angle:g} rad (oscillation_reset_angle)",
+    ),
+    scale="",
+    value="0",
+    refuses="-5: barred by the flags of section 7",
+)
 
 
 @kernel(inline="always")
 def value(state: Record, velocity: Velocity) -> float:
     """Return the value for the velocity of a trajectory."""
     return OSCILLATES if is_barred(state, velocity) else 0.0
-
-
-@kernel(inline="always")
-def bound(known: Record) -> float:
-    """Return the value for a sample that is not barred. known: KNOWN record of the sample."""
-    return 0.0
 
 
 @kernel

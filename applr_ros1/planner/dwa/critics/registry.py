@@ -1,11 +1,14 @@
 """All critics of DWAPlannerROS, in the order of the C++ planner.
 
-A new critic needs its file (see this package), and its line in each of the lists below.
+A new critic needs its file (see this package), and its entry in CRITICS.
 """
 
-from typing import NamedTuple, Tuple
+import inspect
+from math import nan
+from typing import Any, Callable, Tuple
 
-from applr_ros1.common.arrays import Data
+import numpy as np
+
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.dwa.critics import (
     alignment,
@@ -16,99 +19,92 @@ from applr_ros1.planner.dwa.critics import (
     path,
     twirling,
 )
-from applr_ros1.planner.dwa.critics.critic import CriticRow
-from applr_ros1.planner.dwa.records import DWAGrids, DWAScene
-from applr_ros1.planner.dwa.samples import ground_speed
-from applr_ros1.planner.sampling_planner import Record, Velocity
+from applr_ros1.planner.dwa.critics.critic import Critic
+from applr_ros1.planner.dwa.critics.distance import at_end
+from applr_ros1.planner.sampling_planner import Record, record
 
-
-class Critics(NamedTuple):
-    """A number for each critic, in the order in which C++ asks them, under their names in C++."""
-
-    oscillation: float
-    obstacle: float
-    goal_front: float
-    alignment: float
-    path: float
-    goal: float
-    twirling: float
-
-
-CRITICS = Critics._fields
+CRITICS: Tuple[Critic, ...] = (
+    oscillation.CRITIC,
+    obstacle.CRITIC,
+    goal_front.CRITIC,
+    alignment.CRITIC,
+    path.CRITIC,
+    goal.CRITIC,
+    twirling.CRITIC,
+)
 ALL = len(CRITICS)
-NUMBERS = Critics(*range(ALL))  # number of each critic
+OBSTACLE = CRITICS.index(obstacle.CRITIC)
+
+# Critics that read a distance grid: number in CRITICS, and GridReading
+READERS = np.array(
+    [(number, *critic.grid, 0) for number, critic in enumerate(CRITICS) if critic.grid],
+    record("", "critic row at_nose refuses limit"),
+)
 
 
-@kernel
-def weights(p: Record) -> Critics:
-    """Return the critics' weights. A critic of weight 0 is not asked: it refuses nothing."""
-    return Critics(
-        oscillation=oscillation.weight(p),
-        obstacle=obstacle.weight(p),
-        goal_front=goal_front.weight(p),
-        alignment=alignment.weight(p),
-        path=path.weight(p),
-        goal=goal.weight(p),
-        twirling=twirling.weight(p),
-    )
+def _call(critic: Critic, kernel_name: str) -> str:
+    """Return the call of a kernel of a critic's file, with the arguments that it names."""
+    critic_kernel = getattr(globals()[critic.term.name], kernel_name)
+    arguments = ", ".join(inspect.signature(critic_kernel).parameters)
+    return f"{critic.term.name}.{kernel_name}({arguments})"
 
 
-@kernel
-def value(
-    p: Record,
-    state: Record,
-    scene: DWAScene,
-    grids: DWAGrids,
-    points: Data,
-    velocity: Velocity,
-    critic: int,
-) -> float:
-    """Return the value of one critic, numbered as in NUMBERS, for a trajectory.
+def _weight(critic: Critic) -> str:
+    """Return the expression of a critic's weight."""
+    return f"p.{critic.scale}" if critic.scale else "1.0"
 
-    points: poses (k, 3) of the trajectory; without any, the map's critics return 0. velocity: the
-    velocity that the trajectory stores (samples.commanded).
+
+def _value(critic: Critic) -> str:
+    """Return the expression of a critic's value."""
+    if critic.grid is None:
+        return _call(critic, "value")
+    nose_offset = "p.forward_point_distance" if critic.grid.at_nose else "0.0"
+    return f"at_end(scene, grids, {critic.grid.row}, points, {nose_offset}, {critic.grid.refuses})"
+
+
+def _bound(number: int, critic: Critic) -> str:
+    """Return the expression of a lower bound of a critic's value."""
+    if hasattr(globals()[critic.term.name], "bound"):
+        return _call(critic, "bound")
+    return f"known_of[sample, {number}]"
+
+
+def _generated(header: str, body: str, **options: Any) -> Callable[..., Any]:
+    """Return a kernel of this module, from text: numba cannot loop over the critics' kernels.
+
+    Args:
+        header: Its name, with the names of its arguments.
+        body: Its lines, made of the critics.
+        options: Options of `kernel`.
     """
-    if critic == NUMBERS.oscillation:
-        return oscillation.value(state, velocity)
-    if critic == NUMBERS.obstacle:
-        return obstacle.value(p, scene, points, ground_speed(velocity.vx, velocity.vy))
-    if critic == NUMBERS.goal_front:
-        return goal_front.value(p, scene, grids, points)
-    if critic == NUMBERS.alignment:
-        return alignment.value(p, scene, grids, points)
-    if critic == NUMBERS.path:
-        return path.value(scene, grids, points)
-    if critic == NUMBERS.goal:
-        return goal.value(scene, grids, points)
-    return twirling.value(velocity)
+    namespace = dict(globals(), at_end=at_end, nan=nan)
+    exec(f"def {header}:\n{body}", namespace)
+    return kernel(namespace[header.partition("(")[0]], **options)
 
 
-@kernel(inline="always")
-def lower_bound(p: Record, known: Record, velocity: Velocity) -> float:
-    """Return a lower bound of the weighted sum for a sample that no critic has refused so far.
+_WEIGHTS = ", ".join(map(_weight, CRITICS))
+_VALUES = "\n".join(
+    f"    if critic == {number}:\n        return {_value(critic)}"
+    for number, critic in enumerate(CRITICS)
+)
+# In the order of total_cost, so that the roundings are the same
+_BOUNDS = " + ".join(
+    f"{_bound(number, critic)} * {_weight(critic)}" for number, critic in enumerate(CRITICS)
+)
 
-    The order of the sum is that of total_cost, so that its roundings are the same.
+# Critics' weights (ALL,) of a PARAMETERS record. A critic of weight 0 is not asked: it refuses
+# nothing.
+weights: Callable[[Record], Tuple[float, ...]] = _generated("weights(p)", f"    return {_WEIGHTS}")
 
-    known: KNOWN record of the sample. velocity: see value.
-    """
-    cost = oscillation.bound(known) * oscillation.weight(p)
-    cost += obstacle.bound(known) * obstacle.weight(p)
-    cost += goal_front.bound(known) * goal_front.weight(p)
-    cost += alignment.bound(known) * alignment.weight(p)
-    cost += path.bound(known) * path.weight(p)
-    cost += goal.bound(known) * goal.weight(p)
-    cost += twirling.bound(velocity) * twirling.weight(p)
-    return cost
+# Value of a critic, by its number, for a trajectory. state: STATE record. points: poses (k, 3) of
+# the trajectory; without any, the map's critics return 0. velocity: velocity that the trajectory
+# stores (samples.commanded).
+value: Callable[..., float] = _generated(
+    "value(p, state, scene, grids, points, velocity, critic)", f"{_VALUES}\n    return nan"
+)
 
-
-def rows() -> Tuple[CriticRow, ...]:
-    """Return the rows of all critics on the page, in the critics' order."""
-    return (
-        oscillation.ROW,
-        obstacle.ROW,
-        goal_front.ROW,
-        alignment.ROW,
-        path.ROW,
-        goal.ROW,
-        twirling.ROW,
-    )
+# Lower bound of the weighted sum for a sample that no critic has refused so far. known_of: see
+# DWAScratch. sample: its number. velocity: see value.
+lower_bound: Callable[..., float] = _generated(
+    "lower_bound(p, known_of, sample, velocity)", f"    return {_BOUNDS}", inline="always"
+)

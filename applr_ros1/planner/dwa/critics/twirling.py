@@ -1,16 +1,20 @@
 """Critic "twirling": the turn rate (TwirlingCostFunction)."""
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.dwa.critics.critic import CriticRow
-from applr_ros1.planner.sampling_planner import Record, Velocity
+from applr_ros1.planner.dwa.critics.critic import Critic
+from applr_ros1.planner.sampling_planner import CostTerm, Velocity
 
-ROW = CriticRow("twirling", "`twirling_scale`", "|w| of the trajectory's velocity", "nothing")
-
-
-@kernel(inline="always")
-def weight(p: Record) -> float:
-    """Return the weight of the critic."""
-    return p.twirling_scale
+CRITIC = Critic(
+    CostTerm(
+        name="twirling",
+        title="turning",
+        parameter="twirling_scale",
+        objection="turns the robot faster",
+    ),
+    scale="twirling_scale",
+    value="|w| of the trajectory's velocity",
+    refuses="nothing",
+)
 
 
 @kernel(inline="always")
@@ -19,7 +23,4 @@ def value(velocity: Velocity) -> float:
     return abs(velocity.w)
 
 
-@kernel(inline="always")
-def bound(velocity: Velocity) -> float:
-    """Return the value, which is known before the roll-out."""
-    return abs(velocity.w)
+bound = value  # The value is known before the roll-out.
