@@ -4,6 +4,7 @@ parameter files.
 owners/ contains URDFs in the style of several makers, with the dimensions of the included robots.
 """
 
+import os
 import re
 from pathlib import Path
 from typing import Any, Dict, NamedTuple
@@ -15,6 +16,7 @@ import yaml
 from applr_ros1 import robots
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots.rviz_model import urdf as urdf_of
+from applr_ros1.robots.urdf_import import urdf as urdf_reader
 from training.robot import __main__ as new_robot
 from training.robot import check as check_robot
 
@@ -770,6 +772,26 @@ def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
     assert written.status == 1
     assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", written.output), written.output
     assert not (tmp_path / "my_robot").exists()
+
+
+@pytest.mark.parametrize(
+    ("urdf", "problem"),
+    [
+        ('<xacro:include filename="{pipe}"/>', "it has not ended after 2 s"),
+        ('<link name="${{9**9**9}}"/>', "it has not ended after 2 s"),
+        ("<link name=\"${{'a' * 3 * 10**9}}\"/>", "when evaluating expression ''a' "),
+    ],
+)
+def test_a_xacro_file_that_does_not_end_or_takes_all_memory_is_one_line(
+    make, tmp_path, monkeypatch, urdf, problem
+):
+    monkeypatch.setattr(urdf_reader, "EXPANSION_S", 2.0)
+    pipe = tmp_path / "pipe.xacro"
+    os.mkfifo(pipe)
+    written = make(urdf.format(pipe=pipe), name="crate.xacro", whole=WHOLE)
+    assert written.status == 1
+    line = rf"\./applr robot: \S*crate.xacro: xacro fails: .*{problem}.*; give arguments .*\n"
+    assert re.fullmatch(line, written.output), written.output
 
 
 def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):
