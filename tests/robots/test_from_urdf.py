@@ -445,6 +445,91 @@ def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, 
         assert written.values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
 
+# Both sides are exchanged, as where a base is driven with its back ahead.
+MIRRORED = CONTROLLER.replace("left_joint", "x").replace("right_joint", "left_joint")
+MIRRORED = MIRRORED.replace("[x]", "[right_joint]")
+LENGTHS = "\n  wheel_radius: .1\n  wheel_separation: .3\n"
+# Diameter and separation as in the URDF
+SAME_DRIVE = "<wheelDiameter>.1</wheelDiameter><wheelSeparation>.24</wheelSeparation></plugin>"
+
+
+def controlled(text):
+    """Return the arguments of `make` for a cart with another controller's file."""
+    return {"files": {"control.yaml": text}, "places": CONTROLLED["places"]}
+
+
+@pytest.mark.parametrize(
+    ("urdf", "more", "lines"),
+    [
+        (CART + DRIVE.replace("</plugin>", SAME_DRIVE), CONTROLLED, []),
+        (
+            CART,
+            controlled(MIRRORED),
+            [
+                "the controller's file: left_joint at y = 0.12 m is right, right_joint at y = "
+                "-0.12 m is left, although y is positive on the left: turns are mirrored, "
+                "exchange left and right there"
+            ],
+        ),
+        (
+            CART + DRIVE.replace("leftJ", "rightJ", 1).replace("</leftJ", "</rightJ"),
+            CONTROLLED,
+            ["the drive plugin: left_joint at y = 0.12 m is right, although .*"],
+        ),
+        (
+            CART,
+            controlled(CONTROLLER + LENGTHS),
+            [
+                "the radius of a wheel is 0.1 m in the controller's file, but 0.05 m in "
+                ".*/crate.urdf: correct the wrong one",
+                "the separation of the wheels is 0.3 m in the controller's file, but 0.24 m .*",
+            ],
+        ),
+        (
+            CART + DRIVE.replace("</plugin>", SAME_DRIVE.replace(">.1<", ">.2<")),
+            {},
+            ["the radius of a wheel is 0.1 m in the drive plugin, but 0.05 m in .*"],
+        ),
+    ],
+    ids=["the same", "mirrored controller", "mirrored plugin", "lengths", "diameter"],
+)
+def test_statements_that_contradict_the_urdf_are_remarked(make, urdf, more, lines):
+    written = make(urdf, **more)
+    assert written.status == 0, written.output
+    remarks = re.findall("^remark: (.*(?:mirrored|wrong).*)", written.output, re.MULTILINE)
+    assert len(remarks) == len(lines), remarks
+    for remark, line in zip(remarks, lines):
+        assert re.fullmatch(line, remark)
+
+
+# Without padding, the footprint of the cart is .3 x .26 m, as its body and wheels are.
+@pytest.mark.parametrize(
+    ("footprint", "sizes"),
+    [
+        ("[[-0.25, -0.19], [-0.25, 0.19], [0.19, 0.19], [0.19, -0.19]]", ""),
+        ("[[-0.25, -0.2], [-0.25, 0.2], [0.2, 0.2], [0.2, -0.2]]", "0.45 x 0.40"),
+        ("[[-0.25, -0.08], [-0.25, 0.08], [0.2, 0.08], [0.2, -0.08]]", "0.45 x 0.16"),
+        # A circle may contain a long robot; the corners of this one are .2 m from its centre.
+        ("[]\nrobot_radius: 0.28", ""),
+        ("[]\nrobot_radius: 0.3", "0.60 x 0.60"),
+    ],
+)
+def test_a_footprint_of_another_size_than_the_robot_is_remarked(
+    make, tmp_path, capsys, footprint, sizes
+):
+    common = re.sub("footprint: .*", f"footprint: {footprint}", COMMON)
+    written = make(CART, files={"common.yaml": common})
+    problem = (
+        f"the footprint is {sizes} m without padding, but body and wheels are 0.30 x 0.26 m: "
+        "correct the footprint, or body in robot.yaml\n"
+    )
+    assert (f"remark: {problem}" in written.output) == bool(sizes), written.output
+    fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
+    assert check_robot.main([str(tmp_path / "my_robot")]) == 0
+    remarked = f"remark: local_costmap/footprint: {problem}" in capsys.readouterr().out
+    assert remarked == bool(sizes)
+
+
 # Gazebo moves a body with this plugin in all directions, whatever wheels it has.
 PLANAR = "<gazebo><plugin name='p' filename='planar_move.so'/></gazebo>"
 # Steering of a car's wheel
@@ -701,6 +786,12 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             CART,
             {"files": {"common.yaml": COMMON.replace("[0.1, 0.13], [0.1, -0.13]", HOURGLASS_END)}},
             "costmap/footprint is .* cross each other: give the corners in their order around",
+        ),
+        # Nobody has typed a world_scale, which follows from the footprint.
+        (
+            CART,
+            {"files": {"common.yaml": COMMON.replace("0.13", "13").replace("0.", "")}},
+            "padded footprint of the files is 28 m wide: give footprint, robot_radius and .*",
         ),
         (
             CART,
