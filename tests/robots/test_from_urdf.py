@@ -466,15 +466,15 @@ def controlled(text):
             CART,
             controlled(MIRRORED),
             [
-                "the controller's file: left_joint at y = 0.12 m is right, right_joint at y = "
-                "-0.12 m is left, although y is positive on the left: turns are mirrored, "
-                "exchange left and right there"
+                "the controller's file: left_joint is on the right, but at y = 0.12 m: turns are "
+                "mirrored, exchange left and right there",
+                "the controller's file: right_joint is on the left, but at y = -0.12 m: .*",
             ],
         ),
         (
             CART + DRIVE.replace("leftJ", "rightJ", 1).replace("</leftJ", "</rightJ"),
             CONTROLLED,
-            ["the drive plugin: left_joint at y = 0.12 m is right, although .*"],
+            ["the drive plugin: left_joint is on the right, but at y = 0.12 m: .*"],
         ),
         (
             CART,

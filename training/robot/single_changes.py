@@ -1,4 +1,4 @@
-"""Changes of single parameters, for a robot that does not drive on open floor.
+"""Changes of single parameters, and of two weights, for a robot that fails on open floor.
 
 A value that is unlike every usual one is the likeliest cause of a failure, whichever parameter has
 it. Therefore usual values of such parameters are tried first, the most unusual parameter ahead,
@@ -16,9 +16,11 @@ from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
 from applr_ros1.robots.robot import SpaceParameter, Target
-from training.robot.usual_values import GOAL_TOLERANCE, ParameterPlace, UsualValues, places_of
+from training.robot.usual_values import ParameterPlace, UsualValues, places_of
 from training.why.candidates import UNUSUAL, Candidate, Rated
 
+# Weights of DWAPlannerROS and TrajectoryPlannerROS that only count in proportion to each other
+BIASES = ("path_distance_bias", "goal_distance_bias")
 # Changes that are tried if no unusual value tells more: (parameter of the robot's
 # space, factor on its value), in the order of the attempts. The first ones free most robots.
 FACTORS = (
@@ -58,16 +60,18 @@ class InSpace(NamedTuple):
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
     """Yield at most MOST_CHANGES changes of a single parameter, the likeliest remedy first.
 
-    A parameter may stand in several places, which change together.
+    A parameter may stand in several places, which change together. So do both BIASES.
     """
+    usual_values = UsualValues(robot)
     unusual = []
     others = []
-    for rated in _usual_instead(robot):
+    for rated in _usual_instead(robot, usual_values):
         if rated.departure >= UNUSUAL:
             unusual.append(rated.candidate)
         else:
             others.append(rated.candidate)
-    in_order = chain(unusual, _frequent_remedies(robot), others)
+    weights = _weights_of_robots(robot, usual_values)
+    in_order = chain(unusual, weights, _frequent_remedies(robot), others)
     # Several rules may ask for the same change.
     yield from islice(dict.fromkeys(in_order), MOST_CHANGES)
 
@@ -103,42 +107,33 @@ def _frequent_remedies(robot: Robot) -> Iterator[Candidate]:
         server, name_at_server = places[0]
         in_force = branch(tree, server)[name_at_server]
         short_value = float(f"{factor * in_force:.2g}")
-        new_value = min(max(short_value, parameter.low), parameter.high)
-        yield from _single(tree, places, new_value)
-
-    # The planner must know what the base can do, and a goal must be reachable.
-    planner = robot.local_planner
-    base = robot.base
-    yield from _single(tree, [(planner, "acc_lim_x")], base.max_acceleration)
-    yield from _single(tree, [(planner, "acc_lim_theta")], base.max_yaw_acceleration)
-    yield from _single(tree, [(planner, "yaw_goal_tolerance")], GOAL_TOLERANCE)
-    yield from _single(tree, [(planner, "xy_goal_tolerance")], GOAL_TOLERANCE)
-    yield from _single(tree, [("", "planner_frequency")], 1.0)
+        # A number of samples stays whole.
+        new_value = type(in_force)(min(max(short_value, parameter.low), parameter.high))
+        if new_value != in_force:
+            changes = []
+            for server, name in places:
+                changes.append(Change(server, name, branch(tree, server)[name], new_value))
+            yield Candidate(tuple(changes))
 
 
-def _single(
-    tree: Dict[str, Any], places: Sequence[Tuple[str, str]], value: float
-) -> Iterator[Candidate]:
-    """Yield a value for a parameter in all its places (server, name), unless it is in force."""
-    server, name = places[0]
-    in_force = branch(tree, server)[name]
-    # A number of samples stays whole.
-    new_value = type(in_force)(value)
-    if new_value == in_force:
-        return
-    changes = []
-    for server, name in places:
-        changes.append(Change(server, name, branch(tree, server)[name], new_value))
-    yield Candidate(tuple(changes))
+def _weights_of_robots(robot: Robot, usual_values: UsualValues) -> Iterator[Candidate]:
+    """Yield the BIASES of each included robot with the same local planner."""
+    places = [place for place in places_of(robot) if place.name in BIASES]
+    for values in zip(*(usual_values.of_robots[place.name] for place in places)):
+        changes = []
+        for place, value in zip(places, values):
+            for name in place.declared.names:
+                changes.append(Change(place.server, name, place.value, value))
+        if any(change.before != change.after for change in changes):
+            yield Candidate(tuple(changes))
 
 
-def _usual_instead(robot: Robot) -> List[Rated]:
+def _usual_instead(robot: Robot, usual_values: UsualValues) -> List[Rated]:
     """Return changes to usual values, those of the most unusual parameter first."""
     space = {}
     for parameter in robot.space:
         for target in parameter.sets:
             space[target.server, target.name] = InSpace(parameter, target)
-    usual_values = UsualValues(robot)
     groups: Dict[Tuple[str, Any], List[ParameterPlace]] = {}
     for place in places_of(robot):
         groups.setdefault(_key(space, place), []).append(place)

@@ -156,16 +156,12 @@ def _contradictions(
     urdf: UrdfFile, stated: StatedWheels, joints: List[Any], base: Dict[str, Any]
 ) -> Iterator[str]:
     """Yield what is stated about the driven wheels otherwise than by their joints and shapes."""
-    mirrored = []
     for joint in joints:
         y = _lateral(urdf, joint)
-        side = "left" if y > 0 else "right"
-        stated_side = stated.sides.get(joint.name, side)
-        if stated_side != side:
-            mirrored.append(f"{joint.name} at y = {y:.3g} m is {stated_side}")
-    if mirrored:
-        problem = f"{', '.join(mirrored)}, although y is positive on the left"
-        yield f"{stated.origin}: {problem}: turns are mirrored, exchange left and right there"
+        side = stated.sides.get(joint.name)
+        if side and (side == "left") != (y > 0):
+            problem = f"{joint.name} is on the {side}, but at y = {y:.3g} m"
+            yield f"{stated.origin}: {problem}: turns are mirrored, exchange left and right there"
     lengths = [("radius of a wheel", stated.radius, base.get("wheel_radius", nan))]
     # The file of a skid_steer base may state how far apart wheels without slip would be.
     if base.get("drive") == "two_wheel":

@@ -13,7 +13,7 @@ import re
 import resource
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Sequence, Set
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Set, Tuple
 
 import numpy as np
 from defusedxml import ElementTree
@@ -52,32 +52,24 @@ def _find_packages(path: str) -> None:
         xacrodoc.packages.update_package_cache(packages)
 
 
-class _Expansion(NamedTuple):
-    """URDF of a xacro file, or why there is none, and the variables that the file reads."""
+def _expanded(path: str, arguments: Mapping[str, str]) -> Tuple[str, List[str]]:
+    """Return the URDF of a xacro file, and the variables that the file reads (_variables).
 
-    urdf: str = ""
-    problem: str = ""
-    variables: Sequence[str] = ()
-
-
-def _expanded(path: str, arguments: Mapping[str, str]) -> _Expansion:
-    """Return the expansion of a xacro file, whose expressions are evaluated as Python.
-
-    A xacro file is a program, which may wait at a pipe or take all memory. Another process expands
-    it, within EXPANSION_S and EXPANSION_BYTES.
+    A xacro file is a program, which may wait at a pipe or take all memory. Another process runs it,
+    within EXPANSION_S and EXPANSION_BYTES.
     """
     with multiprocessing.get_context("fork").Pool(1, _limit_memory) as pool:
-        result = pool.apply_async(_expand, (path, dict(arguments)))
+        expansion = pool.apply_async(_expand, (path, dict(arguments)))
         try:
-            expansion = result.get(EXPANSION_S)
+            return expansion.get(EXPANSION_S)
         except multiprocessing.TimeoutError:
-            expansion = _Expansion(problem=f"it has not ended after {EXPANSION_S:g} s")
-    if expansion.problem:
-        raise ApplrError(
-            f"{path}: xacro fails: {expansion.problem}; give arguments as NAME:=VALUE and put "
-            f"packages beside this file's package, or give the expanded URDF: {OF_RUNNING_ROBOT}"
-        )
-    return expansion
+            problem = f"it has not ended after {EXPANSION_S:g} s"
+        except ApplrError as error:
+            problem = str(error)
+    raise ApplrError(
+        f"{path}: xacro fails: {problem}; give arguments as NAME:=VALUE and put packages "
+        f"beside this file's package, or give the expanded URDF: {OF_RUNNING_ROBOT}"
+    )
 
 
 def _limit_memory() -> None:
@@ -87,15 +79,15 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def _expand(path: str, arguments: Dict[str, str]) -> _Expansion:
-    """Expand a xacro file in this process."""
+def _expand(path: str, arguments: Dict[str, str]) -> Tuple[str, List[str]]:
+    """Return what `_expanded` returns. Expressions of the file are evaluated as Python."""
     import xacro
 
     try:
         urdf_text = str(xacro.process_file(path, mappings=arguments).toxml())
     except Exception as error:  # An expression may raise any exception.
-        return _Expansion(problem=" ".join(str(error).split()) or type(error).__name__)
-    return _Expansion(urdf_text, variables=_variables(path))
+        raise ApplrError(" ".join(str(error).split())) from None
+    return urdf_text, _variables(path)
 
 
 def _variables(path: str) -> List[str]:
@@ -158,7 +150,7 @@ class UrdfFile:
 
         self.path = path
         self.lost: Set[str] = set()
-        self.variables: Sequence[str] = ()
+        self.variables: List[str] = []
         content = read_bytes(path)
         kind = kind_of(content)
         if kind != URDF and b"<robot" not in content:
@@ -167,9 +159,7 @@ class UrdfFile:
         _find_packages(path)
         is_xacro = path.endswith(".xacro")
         if is_xacro:
-            expansion = _expanded(path, arguments)
-            urdf_text = expansion.urdf
-            self.variables = expansion.variables
+            urdf_text, self.variables = _expanded(path, arguments)
         else:
             urdf_text = plain_xml(content)
         with _named(path):
