@@ -331,6 +331,8 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
     assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     to_fill_in = [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     assert asked(written.output) == to_fill_in
+    remedy = "six of them are in the file of the base's controller: add it to --parameters for"
+    assert f"\n  ({remedy} the limits of base and the decelerations of monitor)\n" in written.output
     assert "only the laser scan, without bumps: correct it before" in written.output
     folder = tmp_path / "my_robot"
     robot_yaml = (folder / "robot.yaml").read_text()
@@ -433,7 +435,8 @@ def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, 
     assert base["drive"] == "two_wheel"
     assert base["track"] == 0.24
     assert base["wheel_radius"] == 0.05
-    # A controller's file has limits, too.
+    # A controller's file has limits, too, and is asked for without any.
+    assert ("six of them are in the file of" in written.output) != bool(more)
     if more:
         assert base["max_speed"] == 0.6
         assert base["max_yaw_acceleration"] == 25.0

@@ -40,6 +40,11 @@ from training.common.options import Options, argument, option
 from training.common.words import counted
 
 COURSE = 42.0  # width of a costmap that contains every course at world_scale 1 (the Jackal) [m]
+# What the file of a diff_drive_controller answers of the missing values
+CONTROLLER = (
+    "(six of them are in the file of the base's controller: add it to --parameters for the limits "
+    "of base and the decelerations of monitor)"
+)
 OTHER_FOLDER = "move it away, or give another folder with --out"
 
 
@@ -111,6 +116,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     if missing:
         remedy = f'enter each in its line of {file}, and remove the "# "'
         lines.append(f"the files lack {len(missing)} values: {remedy}:")
+    if not parameters.limits:
+        lines.append(f"  {CONTROLLER}")
     for line in missing:
         lines.append(f"  {line}")
     return [
