@@ -8,9 +8,8 @@ then changes that free most robots, and at last usual values of all other parame
 from __future__ import annotations
 
 from itertools import chain, islice
-from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Tuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import tables
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.settings import Change
@@ -57,21 +56,37 @@ class InSpace(NamedTuple):
         return self.target.signed(within)
 
 
+Space = Dict[Tuple[str, str], InSpace]  # by server and name
+Group = List[ParameterPlace]  # places that change together
+
+
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
     """Yield at most MOST_CHANGES changes of a single parameter, the likeliest remedy first.
 
     A parameter may stand in several places, which change together. So do both BIASES.
     """
+    space: Space = {}
+    for parameter in robot.space:
+        for target in parameter.sets:
+            space[target.server, target.name] = InSpace(parameter, target)
+    groups: Dict[Tuple[str, Any], Group] = {}
+    for place in places_of(robot):
+        groups.setdefault(_key(space, place), []).append(place)
+    group_by_name = {}
+    for group in groups.values():
+        group_by_name.update(dict.fromkeys([place.name for place in group], group))
+
     usual_values = UsualValues(robot)
     unusual = []
     others = []
-    for rated in _usual_instead(robot, usual_values):
+    for rated in _usual_instead(space, groups.values(), usual_values):
         if rated.departure >= UNUSUAL:
             unusual.append(rated.candidate)
         else:
             others.append(rated.candidate)
-    weights = _weights_of_robots(robot, usual_values)
-    in_order = chain(unusual, weights, _frequent_remedies(robot), others)
+    weights = _weights_of_robots(space, group_by_name, usual_values)
+    frequent = _frequent_remedies(space, group_by_name)
+    in_order = chain(unusual, weights, frequent, others)
     # Several rules may ask for the same change.
     yield from islice(dict.fromkeys(in_order), MOST_CHANGES)
 
@@ -86,60 +101,37 @@ def advice_of(robot: Robot, candidate: Candidate) -> str:
     instructions = []
     for change in candidate.changes:
         latest_names = {declared.name for declared in declarations[change.server]}
-        if change.name in latest_names and change.after != change.before:
+        if change.name in latest_names:
             section = section_in_files(in_files, change.server)
             instructions.append(change._replace(server=section).advice)
     return " and ".join(instructions)
 
 
-def _frequent_remedies(robot: Robot) -> Iterator[Candidate]:
-    """Yield changes that free most robots, whether their values are usual or not."""
-    tree = robot.all_parameters()
-    space = {parameter.name: parameter for parameter in robot.space}
-    for parameter_name, factor in FACTORS:
-        parameter = space.get(parameter_name)
-        if parameter is None:
-            continue
-        places = []
-        for target in parameter.sets:
-            for alias in target.names:
-                places.append((target.server, alias))
-        server, name_at_server = places[0]
-        in_force = branch(tree, server)[name_at_server]
-        short_value = float(f"{factor * in_force:.2g}")
-        # A number of samples stays whole.
-        new_value = type(in_force)(min(max(short_value, parameter.low), parameter.high))
-        if new_value != in_force:
-            changes = []
-            for server, name in places:
-                changes.append(Change(server, name, branch(tree, server)[name], new_value))
-            yield Candidate(tuple(changes))
-
-
-def _weights_of_robots(robot: Robot, usual_values: UsualValues) -> Iterator[Candidate]:
+def _weights_of_robots(
+    space: Space, groups: Mapping[str, Group], usual_values: UsualValues
+) -> Iterator[Candidate]:
     """Yield the BIASES of each included robot with the same local planner."""
-    places = [place for place in places_of(robot) if place.name in BIASES]
-    for values in zip(*(usual_values.of_robots[place.name] for place in places)):
-        changes = []
-        for place, value in zip(places, values):
-            for name in place.declared.names:
-                changes.append(Change(place.server, name, place.value, value))
-        if any(change.before != change.after for change in changes):
+    for weights in zip(*(usual_values.of_robots[name] for name in BIASES)):
+        changes: List[Change] = []
+        for name, weight in zip(BIASES, weights):
+            changes += _changes(space, groups[name], weight)
+        if changes:
             yield Candidate(tuple(changes))
 
 
-def _usual_instead(robot: Robot, usual_values: UsualValues) -> List[Rated]:
-    """Return changes to usual values, those of the most unusual parameter first."""
-    space = {}
-    for parameter in robot.space:
-        for target in parameter.sets:
-            space[target.server, target.name] = InSpace(parameter, target)
-    groups: Dict[Tuple[str, Any], List[ParameterPlace]] = {}
-    for place in places_of(robot):
-        groups.setdefault(_key(space, place), []).append(place)
+def _frequent_remedies(space: Space, groups: Mapping[str, Group]) -> Iterator[Candidate]:
+    """Yield changes that free most robots, whether their values are usual or not."""
+    for name, factor in FACTORS:
+        value = float(f"{factor * groups[name][0].value:.2g}")
+        changes = tuple(_changes(space, groups[name], value))
+        if changes:
+            yield Candidate(changes)
 
+
+def _usual_instead(space: Space, groups: Iterable[Group], usual_values: UsualValues) -> List[Rated]:
+    """Return changes to usual values, those of the most unusual parameter first."""
     rated_candidates = []
-    for group in groups.values():
+    for group in groups:
         first = group[0]
         departure = usual_values.departure(first)
         for usual_value in usual_values.to_try(first):
@@ -150,7 +142,7 @@ def _usual_instead(robot: Robot, usual_values: UsualValues) -> List[Rated]:
     return rated_candidates
 
 
-def _key(space: Dict[Tuple[str, str], InSpace], place: ParameterPlace) -> Tuple[str, Any]:
+def _key(space: Space, place: ParameterPlace) -> Tuple[str, Any]:
     """Return what places have in common that change together.
 
     They belong to the same parameter, such as a radius in both costmaps, and have the same value.
@@ -161,9 +153,7 @@ def _key(space: Dict[Tuple[str, str], InSpace], place: ParameterPlace) -> Tuple[
     return in_space.parameter.name, in_space.read(place.value)
 
 
-def _changes(
-    space: Dict[Tuple[str, str], InSpace], group: Sequence[ParameterPlace], usual_value: Any
-) -> Iterator[Change]:
+def _changes(space: Space, group: Group, usual_value: Any) -> Iterator[Change]:
     """Yield the changes that give a usual value of the first place to a group of places."""
     first = group[0]
     first_in_space = space.get((first.server, first.name))

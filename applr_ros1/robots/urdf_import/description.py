@@ -60,10 +60,10 @@ class Description:
 
 
 class StatedWheels(NamedTuple):
-    """What a controller's file or a drive plugin states about the driven wheels.
+    """Statements of a controller's file or a drive plugin about the driven wheels.
 
     Attributes:
-        origin: What states it.
+        origin: The file or plugin, for messages.
         sides: "left" or "right" by joint.
         radius: Radius of a wheel [m], nan if it is not stated.
         separation: Distance between left and right wheels [m], nan if it is not stated.
