@@ -237,7 +237,7 @@ def test_the_mildest_remedy_is_first_and_no_parameter_is_named_twice(monkeypatch
         Candidate((bias(0.5, "occdist_scale", 0.01),)),
         Candidate((bias(21.0), bias(30.0, "path_distance_bias", 0.6))),
         Candidate((bias(0.02, "occdist_scale", 0.01), bias(4.0))),
-        Candidate((bias(5.0, "sim_time", 1.7),)),
+        Candidate((bias(2.0, "sim_time", 1.7),)),
     ]
     driven = []
 
