@@ -512,7 +512,7 @@ def test_statements_that_contradict_the_urdf_are_remarked(make, urdf, more, line
         ("[[-0.25, -0.19], [-0.25, 0.19], [0.19, 0.19], [0.19, -0.19]]", ""),
         ("[[-0.25, -0.2], [-0.25, 0.2], [0.2, 0.2], [0.2, -0.2]]", "0.45 x 0.40"),
         ("[[-0.2, -0.08], [-0.2, 0.08], [0.1, 0.08], [0.1, -0.08]]", "0.30 x 0.16"),
-        # A circle contains the corners of a robot, which are up to .2 m from the centre of this one.
+        # A circle contains the corners of a robot, here at .2 m from its centre.
         ("[]\nrobot_radius: 0.26", ""),
         ("[]\nrobot_radius: 0.3", "0.60 x 0.60"),
     ],
