@@ -56,8 +56,8 @@ class InSpace(NamedTuple):
         return self.target.signed(within)
 
 
-Space = Dict[Tuple[str, str], InSpace]  # by server and name
-Group = List[ParameterPlace]  # places that change together
+RangeByPlace = Dict[Tuple[str, str], InSpace]  # by server and name
+PlaceGroup = List[ParameterPlace]  # places that change together
 
 
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
@@ -65,11 +65,11 @@ def single_candidates(robot: Robot) -> Iterator[Candidate]:
 
     A parameter may stand in several places, which change together. So do both BIASES.
     """
-    space: Space = {}
+    space: RangeByPlace = {}
     for parameter in robot.space:
         for target in parameter.sets:
             space[target.server, target.name] = InSpace(parameter, target)
-    groups: Dict[Tuple[str, Any], Group] = {}
+    groups: Dict[Tuple[str, Any], PlaceGroup] = {}
     for place in places_of(robot):
         groups.setdefault(_key(space, place), []).append(place)
     group_by_name = {}
@@ -108,7 +108,7 @@ def advice_of(robot: Robot, candidate: Candidate) -> str:
 
 
 def _weights_of_robots(
-    space: Space, groups: Mapping[str, Group], usual_values: UsualValues
+    space: RangeByPlace, groups: Mapping[str, PlaceGroup], usual_values: UsualValues
 ) -> Iterator[Candidate]:
     """Yield the BIASES of each included robot with the same local planner."""
     for weights in zip(*(usual_values.of_robots[name] for name in BIASES)):
@@ -119,7 +119,9 @@ def _weights_of_robots(
             yield Candidate(tuple(changes))
 
 
-def _frequent_remedies(space: Space, groups: Mapping[str, Group]) -> Iterator[Candidate]:
+def _frequent_remedies(
+    space: RangeByPlace, groups: Mapping[str, PlaceGroup]
+) -> Iterator[Candidate]:
     """Yield changes that free most robots, whether their values are usual or not."""
     for name, factor in FACTORS:
         value = float(f"{factor * groups[name][0].value:.2g}")
@@ -128,7 +130,9 @@ def _frequent_remedies(space: Space, groups: Mapping[str, Group]) -> Iterator[Ca
             yield Candidate(changes)
 
 
-def _usual_instead(space: Space, groups: Iterable[Group], usual_values: UsualValues) -> List[Rated]:
+def _usual_instead(
+    space: RangeByPlace, groups: Iterable[PlaceGroup], usual_values: UsualValues
+) -> List[Rated]:
     """Return changes to usual values, those of the most unusual parameter first."""
     rated_candidates = []
     for group in groups:
@@ -142,7 +146,7 @@ def _usual_instead(space: Space, groups: Iterable[Group], usual_values: UsualVal
     return rated_candidates
 
 
-def _key(space: Space, place: ParameterPlace) -> Tuple[str, Any]:
+def _key(space: RangeByPlace, place: ParameterPlace) -> Tuple[str, Any]:
     """Return what places have in common that change together.
 
     They belong to the same parameter, such as a radius in both costmaps, and have the same value.
@@ -153,7 +157,7 @@ def _key(space: Space, place: ParameterPlace) -> Tuple[str, Any]:
     return in_space.parameter.name, in_space.read(place.value)
 
 
-def _changes(space: Space, group: Group, usual_value: Any) -> Iterator[Change]:
+def _changes(space: RangeByPlace, group: PlaceGroup, usual_value: Any) -> Iterator[Change]:
     """Yield the changes that give a usual value of the first place to a group of places."""
     first = group[0]
     first_in_space = space.get((first.server, first.name))
