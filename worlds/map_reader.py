@@ -53,7 +53,11 @@ def read_map(path: str) -> Grid:
     """
     fields = read_fields(path)
     # os.path.join keeps an absolute path of the image, as map_server does.
-    pixels = read_pixels(os.path.join(os.path.dirname(path), fields.image))
+    image_path = os.path.join(os.path.dirname(path), fields.image)
+    if not os.path.exists(image_path):
+        problem = f"its line image: names {fields.image}, but there is no file {image_path}"
+        raise ApplrError(f"{path}: {problem}; correct the line")
+    pixels = read_pixels(image_path)
     # The first row of an image is its top, that of a map its bottom.
     return Grid(cells_of(pixels[::-1], fields), fields.resolution, fields.origin)
 

@@ -189,7 +189,12 @@ def yaml_value(text: Any, name: Any, loader: Any = LimitedLoader) -> Any:
     Raises FileError if it is invalid; the line begins with `name`.
     """
     with reading(name):
-        return yaml.load(text, loader)
+        try:
+            return yaml.load(text, loader)
+        except yaml.scanner.ScannerError as error:
+            if "'\\t'" not in str(error.problem):
+                raise
+            raise ApplrError(f"{_place(error)} is a tab: give blanks instead") from error
 
 
 def plain_xml(data: bytes) -> str:

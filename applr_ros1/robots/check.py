@@ -43,6 +43,7 @@ DIRECTIONS = np.array([np.cos(EIGHT), np.sin(EIGHT)])
 LIMITED = {"max_speed": of_kind("speed"), "max_yaw_rate": of_kind("turn")}
 SIGHT_S = 2.0  # time at top speed for which obstacles ahead should be marked [s]
 UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
+UNLIKE = 1.5  # ratio of the sizes of footprint and robot from which on one of them is doubted
 OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
 MOST = 0.5  # share of the weight from which on the driven wheels carry most of it
 BALANCE_TOLERANCE = 1e-4  # share of the weight by which a support may pull, because of rounding
@@ -380,17 +381,11 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield an error if the padded footprint of a costmap is given in another unit than metres."""
     if _has_no_footprint(setup, costmap):
         return
-    box = geometry.bounding_box(setup.robot)
-    length, width = np.ptp(_outline(setup.full[costmap]), axis=0)
-    box_length = box.front - box.back
-    box_width = box.left - box.right
-    # A wrong unit shows in any direction, and nothing that juts out of a robot widens it tenfold.
-    is_in_metres = box_width / UNITS <= width <= box_width * UNITS
-    if not is_in_metres:
+    robot = geometry.corners(setup.robot)
+    sizes = unlike_sizes(_outline(setup.full[costmap]), robot, UNITS)
+    if sizes:
         parameter_names = f"{costmap}/footprint, robot_radius, footprint_padding"
-        footprint_size = f"the padded footprint is {length:.3g} x {width:.3g} m"
-        robot_size = f"body and wheels are {box_length:.3g} x {box_width:.3g} m"
-        yield f"{parameter_names}: {footprint_size}; {robot_size}; give all lengths in metres"
+        yield f"{parameter_names}: {sizes}; give all lengths in metres"
 
 
 def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
@@ -652,6 +647,11 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
         robot_reach = (geometry.corners(robot) @ DIRECTIONS).max(axis=0)
         footprint_reach = (_outline(values) @ DIRECTIONS).max(axis=0)
         excess = (robot_reach - footprint_reach).max()
+        without_padding = _outline({**values, "footprint_padding": 0.0})
+        sizes = unlike_sizes(without_padding, geometry.corners(robot))
+        if sizes:
+            advice = "correct the footprint, or body in robot.yaml"
+            yield Remark(f"local_costmap/footprint: {sizes}: {advice}")
         if excess > OUTSIDE:
             box_reach = "the box around body and wheels, at which the monitor stops, reaches"
             problem = f"{box_reach} {excess:.2f} m beyond it with padding"
@@ -670,6 +670,33 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
             yield Remark(
                 f"{layer_path}/{source_name}/sensor_frame is {sensor_frame}, {problem}: {remedy}"
             )
+
+
+def unlike_sizes(outline: Array, robot: Array, ratio: float = UNLIKE) -> str:
+    """Return the sizes of a footprint and a robot in words if they differ by a ratio, or "".
+
+    Args:
+        outline: Footprint (n, 2) [m]; empty if there is none.
+        robot: Points (n, 2) of body and wheels, whose bounds are those of all of them [m].
+        ratio: Ratio of two lengths or widths from which on the sizes are unlike.
+    """
+    if not len(outline):
+        return ""
+    footprint_size = np.ptp(outline, axis=0)
+    robot_size = np.ptp(robot, axis=0)
+    fitting_size = robot_size
+    if geometry.is_oval(outline):  # A circle contains the corners of a robot.
+        centre = (robot.min(axis=0) + robot.max(axis=0)) / 2
+        fitting_size = 2 * np.hypot(*(robot - centre).T).max()
+    ratios = footprint_size / fitting_size
+    if max(ratios.max(), 1.0 / ratios.min()) < ratio:
+        return ""
+    length, width = footprint_size
+    robot_length, robot_width = robot_size
+    return (
+        f"the footprint is {length:.2f} x {width:.2f} m, but body and wheels are "
+        f"{robot_length:.2f} x {robot_width:.2f} m"
+    )
 
 
 # --- helpers --------------------------------------------------------------------------------------

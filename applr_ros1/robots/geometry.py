@@ -15,6 +15,8 @@ import scipy
 from applr_ros1.robots.robot import Base, Robot
 
 GRAVITY = 9.8  # gravitational acceleration [m/s^2]
+# Squared distance, in half axes, up to which a point counts as within an oval: 1 with rounding
+SQUARED_OVAL = 1.02
 
 
 def _round_shares() -> List[Tuple[float, float]]:
@@ -123,6 +125,15 @@ def outline(robot: Robot) -> np.ndarray:
     points = corners(robot)
     hull_points: np.ndarray = points[scipy.spatial.ConvexHull(points).vertices]
     return hull_points
+
+
+def is_oval(points: np.ndarray) -> bool:
+    """Return whether points (n, 2) lie within the oval that fills their bounds."""
+    lowest = points.min(axis=0)
+    highest = points.max(axis=0)
+    # Positions with the half axes as units: a box has corners at a squared distance of 2.
+    scaled = (points - (lowest + highest) / 2) / ((highest - lowest) / 2)
+    return bool(np.square(scaled).sum(axis=1).max() < SQUARED_OVAL)
 
 
 def bounding_box(robot: Robot) -> Box:

@@ -40,6 +40,7 @@ Place2 = Tuple[Place, Place]
 Place3 = Tuple[Place, Place, Place]
 Inertia3 = Tuple[Inertia, Inertia, Inertia]
 Ground = Literal["plain", "gazebo"]
+WORLD_SCALES = (0.05, 20.0)  # range of the size of a robot's worlds relative to the Jackal's
 
 
 class Section(BaseModel):
@@ -489,7 +490,9 @@ class RobotFile(Section):
     topics: Topics = Topics()
     odometry: OdometryErrors = OdometryErrors()
     monitor: Monitoring = Monitoring()
-    world_scale: float = real("", 0.05, 20.0, "size of the robot's worlds relative to the Jackal's")
+    world_scale: float = real(
+        "", *WORLD_SCALES, "size of the robot's worlds relative to the Jackal's"
+    )
     parameter_space: Optional[Dict[ParameterName, SpaceParameter]] = None
 
     @classmethod

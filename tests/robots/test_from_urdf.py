@@ -4,6 +4,7 @@ parameter files.
 owners/ contains URDFs in the style of several makers, with the dimensions of the included robots.
 """
 
+import os
 import re
 from pathlib import Path
 from typing import Any, Dict, NamedTuple
@@ -15,6 +16,7 @@ import yaml
 from applr_ros1 import robots
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots.rviz_model import urdf as urdf_of
+from applr_ros1.robots.urdf_import import urdf as urdf_reader
 from training.robot import __main__ as new_robot
 from training.robot import check as check_robot
 
@@ -329,6 +331,8 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
     assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     to_fill_in = [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     assert asked(written.output) == to_fill_in
+    remedy = "six of them are in the file of the base's controller: add it to --parameters for"
+    assert f"\n  ({remedy} the limits of base and the decelerations of monitor)\n" in written.output
     assert "only the laser scan, without bumps: correct it before" in written.output
     folder = tmp_path / "my_robot"
     robot_yaml = (folder / "robot.yaml").read_text()
@@ -431,7 +435,8 @@ def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, 
     assert base["drive"] == "two_wheel"
     assert base["track"] == 0.24
     assert base["wheel_radius"] == 0.05
-    # A controller's file has limits, too.
+    # A controller's file has limits, too, and is asked for without any.
+    assert ("six of them are in the file of" in written.output) != bool(more)
     if more:
         assert base["max_speed"] == 0.6
         assert base["max_yaw_acceleration"] == 25.0
@@ -441,6 +446,93 @@ def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, 
         for listed_file in written.values["move_base"]["files"]:
             assert listed_file["file"] != "control.yaml"
         assert written.values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
+
+
+# Both sides are exchanged, as where a base is driven with its back ahead.
+MIRRORED = CONTROLLER.replace("left_joint", "x").replace("right_joint", "left_joint")
+MIRRORED = MIRRORED.replace("[x]", "[right_joint]")
+LENGTHS = "\n  wheel_radius: .1\n  wheel_separation: .3\n"
+# Diameter and separation as in the URDF
+SAME_DRIVE = "<wheelDiameter>.1</wheelDiameter><wheelSeparation>.24</wheelSeparation></plugin>"
+
+
+def controlled(text):
+    """Return the arguments of `make` for a cart with another controller's file."""
+    return {"files": {"control.yaml": text}, "places": CONTROLLED["places"]}
+
+
+@pytest.mark.parametrize(
+    ("urdf", "more", "lines"),
+    [
+        (CART + DRIVE.replace("</plugin>", SAME_DRIVE), CONTROLLED, []),
+        (
+            CART,
+            controlled(MIRRORED),
+            [
+                "the controller's file: left_joint is on the right, but at y = 0.12 m: turns are "
+                "mirrored, exchange left and right there",
+                "the controller's file: right_joint is on the left, but at y = -0.12 m: .*",
+            ],
+        ),
+        (
+            CART + DRIVE.replace("leftJ", "rightJ", 1).replace("</leftJ", "</rightJ"),
+            CONTROLLED,
+            ["the drive plugin: left_joint is on the right, but at y = 0.12 m: .*"],
+        ),
+        (
+            CART,
+            controlled(CONTROLLER + LENGTHS),
+            [
+                "the radius of a wheel is 0.1 m in the controller's file, but 0.05 m in "
+                ".*/crate.urdf: correct the wrong one",
+                "the separation of the wheels is 0.3 m in the controller's file, but 0.24 m .*",
+            ],
+        ),
+        (
+            CART + DRIVE.replace("</plugin>", SAME_DRIVE.replace(">.1<", ">.2<")),
+            {},
+            ["the radius of a wheel is 0.1 m in the drive plugin, but 0.05 m in .*"],
+        ),
+    ],
+    ids=["the same", "mirrored controller", "mirrored plugin", "lengths", "diameter"],
+)
+def test_statements_that_contradict_the_urdf_are_remarked(make, urdf, more, lines):
+    written = make(urdf, **more)
+    assert written.status == 0, written.output
+    remarks = re.findall("^remark: (.*(?:mirrored|wrong).*)", written.output, re.MULTILINE)
+    assert len(remarks) == len(lines), remarks
+    for remark, line in zip(remarks, lines):
+        assert re.fullmatch(line, remark)
+
+
+# Without padding, the footprint of the cart is .3 x .26 m, as its body and wheels are.
+@pytest.mark.parametrize(
+    ("footprint", "sizes"),
+    [
+        ("[[-0.25, -0.19], [-0.25, 0.19], [0.19, 0.19], [0.19, -0.19]]", ""),
+        ("[[-0.25, -0.2], [-0.25, 0.2], [0.2, 0.2], [0.2, -0.2]]", "0.45 x 0.40"),
+        ("[[-0.2, -0.08], [-0.2, 0.08], [0.1, 0.08], [0.1, -0.08]]", "0.30 x 0.16"),
+        # A circle contains the corners of a robot, here at .2 m from its centre.
+        ("[]\nrobot_radius: 0.26", ""),
+        ("[]\nrobot_radius: 0.3", "0.60 x 0.60"),
+    ],
+)
+def test_a_footprint_of_another_size_than_the_robot_is_remarked(
+    make, tmp_path, capsys, footprint, sizes
+):
+    common = re.sub("footprint: .*", f"footprint: {footprint}", COMMON)
+    written = make(CART, files={"common.yaml": common})
+    expected = []
+    if sizes:
+        robot = (
+            "but body and wheels are 0.30 x 0.26 m: correct the footprint, or body in robot.yaml"
+        )
+        expected.append(f"the footprint is {sizes} m, {robot}")
+    sentence = re.compile("^remark: .*(the footprint is .*)", re.MULTILINE)
+    assert sentence.findall(written.output) == expected
+    fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
+    assert check_robot.main([str(tmp_path / "my_robot")]) == 0
+    assert sentence.findall(capsys.readouterr().out) == expected
 
 
 # Gazebo moves a body with this plugin in all directions, whatever wheels it has.
@@ -700,6 +792,12 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             {"files": {"common.yaml": COMMON.replace("[0.1, 0.13], [0.1, -0.13]", HOURGLASS_END)}},
             "costmap/footprint is .* cross each other: give the corners in their order around",
         ),
+        # Nobody has typed a world_scale, which follows from the footprint.
+        (
+            CART,
+            {"files": {"common.yaml": COMMON.replace("0.13", "13").replace("0.", "")}},
+            "padded footprint of the files is 28 m wide: give footprint, robot_radius and .*",
+        ),
         (
             CART,
             {"places": ["dwa.yaml"]},
@@ -744,24 +842,16 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
         (
             CART + link("pack") + link("lamp") + joint("lamp", "0 0 0", "pack"),
             {},
-            r"no joint connects pack \(with lamp\) to base_footprint: correct the joints in .*",
+            "no joint connects pack, lamp to base_footprint: correct the joints in .*",
         ),
         (link("pack") + CART, {}, "no joint connects pack to base_footprint: correct .*"),
+        (CART + joint("pack", "0 0 0"), {}, "joint pack_joint names pack, which is no link of .*"),
+        (CART + joint("left", "0 0 0", "swivel"), {}, "7 links have 7 names and 7 joints, but .*"),
+        (CART + CASTER, {}, "9 links have 7 names and 8 joints, but each needs a name of its own"),
         (
-            CART + joint("pack", "0 0 0"),
+            CART.replace("base_footprint", "foot") + joint("foot", "0 0 0", "roller"),
             {},
-            "the child of joint pack_joint is no link of .*: pack: .*",
-        ),
-        (
-            CART + joint("left", "0 0 0", "swivel").replace("left_j", "j"),
-            {},
-            "left is the child of .*",
-        ),
-        (CART + CASTER, {}, "2 links have the name swivel: .*"),
-        (
-            CART + link("a") + link("b") + joint("a", "0 0 0", "b") + joint("b", "0 0 0", "a"),
-            {},
-            "the joints above link a form a ring: .*",
+            "the 7 links have 7 names and 7 joints, but .*",
         ),
     ],
 )
@@ -770,6 +860,26 @@ def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
     assert written.status == 1
     assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", written.output), written.output
     assert not (tmp_path / "my_robot").exists()
+
+
+@pytest.mark.parametrize(
+    ("urdf", "problem"),
+    [
+        ('<xacro:include filename="{pipe}"/>', "it has not ended after 2 s"),
+        ('<link name="${{9**9**9}}"/>', "it has not ended after 2 s"),
+        ("<link name=\"${{'a' * 3 * 10**9}}\"/>", "when evaluating expression ''a' "),
+    ],
+)
+def test_a_xacro_file_that_does_not_end_or_takes_all_memory_is_one_line(
+    make, tmp_path, monkeypatch, urdf, problem
+):
+    monkeypatch.setattr(urdf_reader, "EXPANSION_S", 2.0)
+    pipe = tmp_path / "pipe.xacro"
+    os.mkfifo(pipe)
+    written = make(urdf.format(pipe=pipe), name="crate.xacro", whole=WHOLE)
+    assert written.status == 1
+    line = rf"\./applr robot: \S*crate.xacro: xacro fails: .*{problem}.*; give arguments .*\n"
+    assert re.fullmatch(line, written.output), written.output
 
 
 def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):

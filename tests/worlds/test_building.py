@@ -727,7 +727,7 @@ def test_mistakes_are_one_line(office, tmp_path):
     (tmp_path / "text.yaml").write_text("office")
     refusal(str(tmp_path / "text.yaml"), "text.yaml: the file is no map")
     no_image = scenes.write_plan(tmp_path, "office", image="gone.pgm")
-    refusal(no_image, "gone.pgm: .*give an existing file")
+    refusal(no_image, "office.yaml: its line image: names gone.pgm, but .*; correct the line")
 
 
 def test_nothing_in_a_map_is_executed(tmp_path):

@@ -23,7 +23,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, write_bytes, yaml_value
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.parameter_files import read_yaml
-from applr_ros1.robots.robot import FILE
+from applr_ros1.robots.robot import FILE, WORLD_SCALES
 from applr_ros1.robots.urdf_import.description import describe
 from applr_ros1.robots.urdf_import.parameters import read_parameter_files
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
@@ -40,6 +40,11 @@ from training.common.options import Options, argument, option
 from training.common.words import counted
 
 COURSE = 42.0  # width of a costmap that contains every course at world_scale 1 (the Jackal) [m]
+# What the file of a diff_drive_controller answers of the missing values
+CONTROLLER = (
+    "(six of them are in the file of the base's controller: add it to --parameters for the limits "
+    "of base and the decelerations of monitor)"
+)
 OTHER_FOLDER = "move it away, or give another folder with --out"
 
 
@@ -69,16 +74,22 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     Raises:
         ApplrError: The folder has values that would be lost, or a file cannot be used.
     """
-    # What the files say. The first scan source of the costmaps names the laser's frame.
+    # Worlds are scaled by how much wider the robot is than the Jackal.
     parameters = read_parameter_files(list(map(str, options.parameters)))
+    width = parameters.padded_width()
+    scale = round(width / WIDTH, 3)
+    if not WORLD_SCALES[0] <= scale <= WORLD_SCALES[1]:
+        remedy = "give footprint, robot_radius and footprint_padding in metres"
+        raise ApplrError(f"the padded footprint of the files is {width:.3g} m wide: {remedy}")
+
+    # What the files say. The first scan source of the costmaps names the laser's frame.
     scan = next(iter(parameters.scans()), {})
     urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
     frame = scan.get("sensor_frame", "").lstrip("/")
-    described = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
+    described = describe(urdf, parameters.wheels, parameters.footprint(), options.laser, frame)
     add_parameters(described, parameters)
 
-    # Content of robot.yaml. Worlds are scaled by how much wider the robot is than the Jackal.
-    scale = round(parameters.padded_width() / WIDTH, 3)
+    # Content of robot.yaml
     move_base, notes = move_base_section(parameters, described.values, ceil(COURSE * scale))
     hints = {**described.hints, **limits(parameters.planner)}
     text, missing = robot_yaml(options.urdf.name, described.values, scale, move_base, hints)
@@ -105,6 +116,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     if missing:
         remedy = f'enter each in its line of {file}, and remove the "# "'
         lines.append(f"the files lack {len(missing)} values: {remedy}:")
+    if not parameters.limits:
+        lines.append(f"  {CONTROLLER}")
     for line in missing:
         lines.append(f"  {line}")
     return [

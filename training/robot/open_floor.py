@@ -3,8 +3,8 @@
 Four courses are driven with planner and collision monitor, each until move_base reports that its
 goal is reached: straight on, a turn on the spot, around a box, and through a door. If a course
 fails, the corrections that the robot's remarks ask for are driven first. Only if they do not
-explain the failure, single parameters are changed. The first change with which all courses succeed
-is the remedy. A planner that fails only by standing before the door gets a remark, not an error:
+explain the failure, single parameters are changed. The first changes with which all courses succeed
+are the remedies. A planner that fails only by standing before the door gets a remark, not an error:
 DWAPlannerROS does so with its default parameters.
 """
 
@@ -29,7 +29,8 @@ from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from training.robot.failure import STANDS, failure_of
 from training.robot.single_changes import advice_of, single_candidates
-from training.why.candidates import with_changes
+from training.robot.usual_values import UsualValues
+from training.why.candidates import Candidate, with_changes
 from worlds import Course, World
 from worlds.world import NO_CIRCLE_M
 
@@ -40,9 +41,10 @@ WALL_THICKNESS_M = 0.1  # thickness of the walls beside the door [m]
 # A course ends when the robot has also turned to the heading of the goal, or after a minute.
 RULES = Rules(ends_at_tolerance=False, limit=60.0)
 NO_REMEDY = (
-    "none of {count} changes of a single parameter that were tried helps: compare footprint, body, "
+    "none of {count} changes that were tried helps: compare footprint, body, "
     "laser and base in robot.yaml, and the parameter files with those of an included robot"
 )
+MOST_REMEDIES = 3  # number of changes that help after which no further one is tried
 SEED = 1
 SEARCH_S = 60.0  # interval between progress lines of the search for a remedy [s]
 show = partial(print, flush=True)
@@ -141,7 +143,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
 
 
 def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) -> str:
-    """Return in words with what all four courses succeed: corrections, or another value.
+    """Return in words with what all four courses succeed: corrections, or other values.
 
     Args:
         robot: Robot that does not drive all courses.
@@ -170,16 +172,26 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
         corrections_first = f"{_lines(known_faults)}; once this is corrected, "
     without_faults = corrected(robot, known_faults)
     count = 0
+    remedies: List[Candidate] = []
     for candidate in single_candidates(without_faults):
         name = f"{without_faults.name} with {candidate}"
         changed = with_changes(without_faults, candidate.changes, name)
-        if not _is_accepted(changed):
+        is_new = candidate.names not in [remedy.names for remedy in remedies]
+        if not is_new or not _is_accepted(changed):
             continue
         count += 1
         if succeeds(changed):
-            advice = advice_of(without_faults, candidate)
-            return f"{corrections_first}all four courses succeed if you {advice}"
-    return corrections_first + NO_REMEDY.format(count=count)
+            remedies.append(candidate)
+        if len(remedies) == MOST_REMEDIES:
+            break
+    if not remedies:
+        return corrections_first + NO_REMEDY.format(count=count)
+
+    # The mildest first: the values of most robots, then those nearest to the robot's own
+    usual_values = UsualValues(without_faults)
+    remedies.sort(key=lambda remedy: (-usual_values.support(remedy.changes), remedy.departure))
+    advice = ", or ".join(advice_of(without_faults, remedy) for remedy in remedies)
+    return f"{corrections_first}all four courses succeed if you {advice}"
 
 
 def corrected(robot: Robot, remarks: Sequence[Remark]) -> Robot:

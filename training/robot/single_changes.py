@@ -1,4 +1,4 @@
-"""Changes of single parameters, for a robot that does not drive on open floor.
+"""Changes of single parameters, and of two weights, for a robot that fails on open floor.
 
 A value that is unlike every usual one is the likeliest cause of a failure, whichever parameter has
 it. Therefore usual values of such parameters are tried first, the most unusual parameter ahead,
@@ -8,17 +8,18 @@ then changes that free most robots, and at last usual values of all other parame
 from __future__ import annotations
 
 from itertools import chain, islice
-from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Tuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import tables
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
 from applr_ros1.robots.robot import SpaceParameter, Target
-from training.robot.usual_values import GOAL_TOLERANCE, ParameterPlace, UsualValues, places_of
+from training.robot.usual_values import ParameterPlace, UsualValues, places_of
 from training.why.candidates import UNUSUAL, Candidate, Rated
 
+# Weights of DWAPlannerROS and TrajectoryPlannerROS that only count in proportion to each other
+BIASES = ("path_distance_bias", "goal_distance_bias")
 # Changes that are tried if no unusual value tells more: (parameter of the robot's
 # space, factor on its value), in the order of the attempts. The first ones free most robots.
 FACTORS = (
@@ -55,19 +56,37 @@ class InSpace(NamedTuple):
         return self.target.signed(within)
 
 
+RangeByPlace = Dict[Tuple[str, str], InSpace]  # by server and name
+PlaceGroup = List[ParameterPlace]  # places that change together
+
+
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
     """Yield at most MOST_CHANGES changes of a single parameter, the likeliest remedy first.
 
-    A parameter may stand in several places, which change together.
+    A parameter may stand in several places, which change together. So do both BIASES.
     """
+    space: RangeByPlace = {}
+    for parameter in robot.space:
+        for target in parameter.sets:
+            space[target.server, target.name] = InSpace(parameter, target)
+    groups: Dict[Tuple[str, Any], PlaceGroup] = {}
+    for place in places_of(robot):
+        groups.setdefault(_key(space, place), []).append(place)
+    group_by_name = {}
+    for group in groups.values():
+        group_by_name.update(dict.fromkeys([place.name for place in group], group))
+
+    usual_values = UsualValues(robot)
     unusual = []
     others = []
-    for rated in _usual_instead(robot):
+    for rated in _usual_instead(space, groups.values(), usual_values):
         if rated.departure >= UNUSUAL:
             unusual.append(rated.candidate)
         else:
             others.append(rated.candidate)
-    in_order = chain(unusual, _frequent_remedies(robot), others)
+    weights = _weights_of_robots(space, group_by_name, usual_values)
+    frequent = _frequent_remedies(space, group_by_name)
+    in_order = chain(unusual, weights, frequent, others)
     # Several rules may ask for the same change.
     yield from islice(dict.fromkeys(in_order), MOST_CHANGES)
 
@@ -82,69 +101,41 @@ def advice_of(robot: Robot, candidate: Candidate) -> str:
     instructions = []
     for change in candidate.changes:
         latest_names = {declared.name for declared in declarations[change.server]}
-        if change.name in latest_names and change.after != change.before:
+        if change.name in latest_names:
             section = section_in_files(in_files, change.server)
             instructions.append(change._replace(server=section).advice)
     return " and ".join(instructions)
 
 
-def _frequent_remedies(robot: Robot) -> Iterator[Candidate]:
-    """Yield changes that free most robots, whether their values are usual or not."""
-    tree = robot.all_parameters()
-    space = {parameter.name: parameter for parameter in robot.space}
-    for parameter_name, factor in FACTORS:
-        parameter = space.get(parameter_name)
-        if parameter is None:
-            continue
-        places = []
-        for target in parameter.sets:
-            for alias in target.names:
-                places.append((target.server, alias))
-        server, name_at_server = places[0]
-        in_force = branch(tree, server)[name_at_server]
-        short_value = float(f"{factor * in_force:.2g}")
-        new_value = min(max(short_value, parameter.low), parameter.high)
-        yield from _single(tree, places, new_value)
-
-    # The planner must know what the base can do, and a goal must be reachable.
-    planner = robot.local_planner
-    base = robot.base
-    yield from _single(tree, [(planner, "acc_lim_x")], base.max_acceleration)
-    yield from _single(tree, [(planner, "acc_lim_theta")], base.max_yaw_acceleration)
-    yield from _single(tree, [(planner, "yaw_goal_tolerance")], GOAL_TOLERANCE)
-    yield from _single(tree, [(planner, "xy_goal_tolerance")], GOAL_TOLERANCE)
-    yield from _single(tree, [("", "planner_frequency")], 1.0)
-
-
-def _single(
-    tree: Dict[str, Any], places: Sequence[Tuple[str, str]], value: float
+def _weights_of_robots(
+    space: RangeByPlace, groups: Mapping[str, PlaceGroup], usual_values: UsualValues
 ) -> Iterator[Candidate]:
-    """Yield a value for a parameter in all its places (server, name), unless it is in force."""
-    server, name = places[0]
-    in_force = branch(tree, server)[name]
-    # A number of samples stays whole.
-    new_value = type(in_force)(value)
-    if new_value == in_force:
-        return
-    changes = []
-    for server, name in places:
-        changes.append(Change(server, name, branch(tree, server)[name], new_value))
-    yield Candidate(tuple(changes))
+    """Yield the BIASES of each included robot with the same local planner."""
+    for weights in zip(*(usual_values.of_robots[name] for name in BIASES)):
+        changes: List[Change] = []
+        for name, weight in zip(BIASES, weights):
+            changes += _changes(space, groups[name], weight)
+        if changes:
+            yield Candidate(tuple(changes))
 
 
-def _usual_instead(robot: Robot) -> List[Rated]:
+def _frequent_remedies(
+    space: RangeByPlace, groups: Mapping[str, PlaceGroup]
+) -> Iterator[Candidate]:
+    """Yield changes that free most robots, whether their values are usual or not."""
+    for name, factor in FACTORS:
+        value = float(f"{factor * groups[name][0].value:.2g}")
+        changes = tuple(_changes(space, groups[name], value))
+        if changes:
+            yield Candidate(changes)
+
+
+def _usual_instead(
+    space: RangeByPlace, groups: Iterable[PlaceGroup], usual_values: UsualValues
+) -> List[Rated]:
     """Return changes to usual values, those of the most unusual parameter first."""
-    space = {}
-    for parameter in robot.space:
-        for target in parameter.sets:
-            space[target.server, target.name] = InSpace(parameter, target)
-    usual_values = UsualValues(robot)
-    groups: Dict[Tuple[str, Any], List[ParameterPlace]] = {}
-    for place in places_of(robot):
-        groups.setdefault(_key(space, place), []).append(place)
-
     rated_candidates = []
-    for group in groups.values():
+    for group in groups:
         first = group[0]
         departure = usual_values.departure(first)
         for usual_value in usual_values.to_try(first):
@@ -155,7 +146,7 @@ def _usual_instead(robot: Robot) -> List[Rated]:
     return rated_candidates
 
 
-def _key(space: Dict[Tuple[str, str], InSpace], place: ParameterPlace) -> Tuple[str, Any]:
+def _key(space: RangeByPlace, place: ParameterPlace) -> Tuple[str, Any]:
     """Return what places have in common that change together.
 
     They belong to the same parameter, such as a radius in both costmaps, and have the same value.
@@ -166,9 +157,7 @@ def _key(space: Dict[Tuple[str, str], InSpace], place: ParameterPlace) -> Tuple[
     return in_space.parameter.name, in_space.read(place.value)
 
 
-def _changes(
-    space: Dict[Tuple[str, str], InSpace], group: Sequence[ParameterPlace], usual_value: Any
-) -> Iterator[Change]:
+def _changes(space: RangeByPlace, group: PlaceGroup, usual_value: Any) -> Iterator[Change]:
     """Yield the changes that give a usual value of the first place to a group of places."""
     first = group[0]
     first_in_space = space.get((first.server, first.name))

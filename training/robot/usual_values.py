@@ -8,7 +8,7 @@ compared; the other values of a costmap depend on sensors and surroundings.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, NamedTuple
+from typing import Any, Dict, List, NamedTuple, Sequence
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import tables
@@ -16,6 +16,7 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, laye
 from applr_ros1.planner.parameters.parameter import RESTORE, Parameter
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robots.robot import Base
 from training.why.candidates import UNUSUAL
 
 GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
@@ -71,16 +72,26 @@ def departure(value: Any, usual_value: Any) -> float:
     return math.log(Change("", "", value, usual_value).departure)
 
 
+def _limits(base: Base) -> Dict[str, float]:
+    """Return the limits of a base for parameters of the kinds "speed" and "turn"."""
+    return {"speed": base.max_speed, "turn": base.max_yaw_rate}
+
+
 class UsualValues:
     """Usual values of the parameters of one robot.
 
     Args:
         robot: Robot whose base limits the speeds, and whose local planner is compared.
+
+    Attributes:
+        of_robots: Values of the included robots by name, in the same order for every parameter of
+            the local planner. Speeds are for a base with this robot's limits.
     """
 
     def __init__(self, robot: Robot):
         base = robot.base
-        self._largest = {"speed": base.max_speed, "turn": base.max_yaw_rate}
+        self._robot = robot
+        self._largest = _limits(base)
         # Limits that the planner may know from the base, by name [m/s^2, rad/s^2]
         self._of_base = {
             "acc_lim_x": base.max_acceleration,
@@ -94,14 +105,30 @@ class UsualValues:
             "yaw_goal_tolerance": GOAL_TOLERANCE,
             "xy_goal_tolerance": GOAL_TOLERANCE,
         }
-        self._of_robots: Dict[str, List[Any]] = {}  # values by name
+        self.of_robots: Dict[str, List[Any]] = {}
         for robot_name in NAMES:
             included = load(robot_name)
+            limits = _limits(included.base)
             for place in places_of(included):
+                value = place.value
+                kind = place.declared.kind
+                if kind in limits:
+                    value *= self._largest[kind] / limits[kind]
                 # Parameters of another local planner have the same names and other meanings.
                 is_of_planner = place.server == included.local_planner
                 if not is_of_planner or included.local_planner == robot.local_planner:
-                    self._of_robots.setdefault(place.name, []).append(place.value)
+                    self.of_robots.setdefault(place.name, []).append(value)
+
+    def support(self, changes: Sequence[Change]) -> int:
+        """Return how many usual values are near the new values: the fewest of any parameter."""
+        new_values = {(change.server, change.name): change.after for change in changes}
+        counts = []
+        for place in places_of(self._robot):
+            new_value = new_values.get((place.server, place.name))
+            if new_value is not None:
+                departures = [departure(new_value, known) for known in self._known(place)]
+                counts.append(sum(ratio < UNUSUAL for ratio in departures))
+        return min(counts, default=0)
 
     def departure(self, place: ParameterPlace) -> float:
         """Return the departure of a value from the nearest usual one."""
@@ -131,7 +158,7 @@ class UsualValues:
 
     def _known(self, place: ParameterPlace) -> List[Any]:
         """Return the base's own value, the declared default, and those of the included robots."""
-        known = [place.declared.default, *self._of_robots.get(place.name, [])]
+        known = [place.declared.default, *self.of_robots.get(place.name, [])]
         if place.name in self._of_base:
             known.insert(0, self._of_base[place.name])
         return known

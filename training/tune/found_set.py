@@ -131,9 +131,9 @@ def scope(
     footprint = MoveBase(robot.parameters()).local_costmap.footprint
     _, footprint_width = np.ptp(footprint, axis=0)
     scope_line = (
-        f"searched on {len(searched)} courses of {options.worlds}, {_narrowest(searched)}; judged "
-        f"on {len(unseen)} others, {_narrowest(unseen)}; "
-        f"the padded footprint is {footprint_width:.2f} m wide"
+        f"searched on {len(searched)} courses of {options.worlds}, {_nearest(searched)}; judged "
+        f"on {len(unseen)} others, {_nearest(unseen)}; "
+        f"half of the padded footprint's width is {footprint_width / 2:.2f} m"
     )
     if ".yaml" in options.worlds:
         return scope_line
@@ -141,13 +141,13 @@ def scope(
     return f"{scope_line}\nfor a building and its doors: {command}"
 
 
-def _narrowest(worlds: Sequence[TrialWorld]) -> str:
-    """Return in words how wide [m] the narrowest places of the reference paths are."""
-    widths = []
-    for _, _, world in worlds:
-        clearances = clearance(world, world.course.path)
-        widths.append(2.0 * clearances.min())
-    return f"{min(widths):.2f} to {max(widths):.2f} m wide at the narrowest place"
+def _nearest(worlds: Sequence[TrialWorld]) -> str:
+    """Return in words how near [m] obstacles come to the middle of the reference paths.
+
+    A path need not lead through the middle of a passage, whose width check_robot reports.
+    """
+    distances = [clearance(world, world.course.path).min() for _, _, world in worlds]
+    return f"with obstacles {min(distances):.2f} to {max(distances):.2f} m beside the path"
 
 
 def changes(

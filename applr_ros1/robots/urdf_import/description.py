@@ -9,13 +9,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from math import atan2, inf, isfinite, nan
-from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.scan import LEAST_LEVEL_COS
+from applr_ros1.robots import check, geometry
+from applr_ros1.robots.robot import FILE
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
 # Names of wheels and plugins of omnidirectional bases
@@ -27,11 +29,10 @@ _LASER_NAME = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of laser scanners in Gazebo
 LEAST_ACROSS_COS = 0.95  # cosine of the angle to the lateral up to which an axis counts as lateral
 LEAST_UPRIGHT_COS = 0.7  # cosine of the tilt up to which an axis counts as vertical
+SAME_SHARE = 0.1  # tolerance of two statements of one length, as a share of it
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
 LEAST_MASS_KG = 0.01  # smaller masses are placeholders, as in a URDF for RViz alone [kg]
 CLEARANCE_M = 0.005  # smallest ground clearance of a body; lower shapes are supports [m]
-# Squared distance, in half axes, up to which a point counts as within an oval: 1 with rounding
-SQUARED_OVAL = 1.02
 _TAGS = {  # tags of a ray sensor by field of robot.yaml
     "beams": ".//horizontal/samples",
     "first_angle": ".//horizontal/min_angle",
@@ -58,14 +59,34 @@ class Description:
     notes: List[str] = field(default_factory=list)
 
 
+class StatedWheels(NamedTuple):
+    """Statements of a controller's file or a drive plugin about the driven wheels.
+
+    Attributes:
+        origin: The file or plugin, for messages.
+        sides: "left" or "right" by joint.
+        radius: Radius of a wheel [m], nan if it is not stated.
+        separation: Distance between left and right wheels [m], nan if it is not stated.
+    """
+
+    origin: str
+    sides: Dict[str, str]
+    radius: float = nan
+    separation: float = nan
+
+
 def describe(
-    urdf: UrdfFile, driven: Iterable[str], footprint: np.ndarray, laser: str, sensor_frame: str
+    urdf: UrdfFile,
+    controllers: Sequence[StatedWheels],
+    footprint: np.ndarray,
+    laser: str,
+    sensor_frame: str,
 ) -> Description:
     """Return the description of a robot.
 
     Args:
         urdf: URDF of the robot.
-        driven: Joints of the driven wheels according to a controller's file.
+        controllers: What a controller's file states about the driven wheels; empty without one.
         footprint: Outline (n, 2) [m] in the parameter files; empty if there is none.
         laser: Link of the laser given by the user; "" for none.
         sensor_frame: Frame of the laser in the costmap's source; "" for none.
@@ -74,28 +95,25 @@ def describe(
         ApplrError: There is no link `laser`.
     """
     description = Description({"base": {}, "body": {}, "laser": {}, "topics": {}})
-    joints = _wheels(urdf, list(driven), description.notes)
+    # From the surest source to the least sure one
+    statements = [*controllers, *_drive_plugins(urdf)]
+    joints = _wheels(urdf, statements, description.notes)
     _base(urdf, joints, description)
+    for stated in statements:
+        description.notes += _contradictions(urdf, stated, joints, description.values["base"])
     _body(urdf, joints, footprint, description)
     _masses(urdf, joints, description.hints)
     _laser(urdf, laser, sensor_frame, description)
     return description
 
 
-def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
+def _wheels(urdf: UrdfFile, statements: Sequence[StatedWheels], notes: List[str]) -> List[Any]:
     """Return the joints of the driven wheels, left side first, or none if they are unknown."""
-    # From the surest source to the least sure one
-    joint_names = driven or _names_in_drive_plugins(urdf)
-    if driven:
-        origin = "the controller's file"
-    elif joint_names:
-        origin = "the drive plugin"
-    else:
-        origin = "pairs of continuous joints"
-    missing_names = sorted(set(joint_names) - set(urdf.joints))
-    if joint_names:
-        unique_names = dict.fromkeys(joint_names)
-        joints = [urdf.joints[name] for name in unique_names if name in urdf.joints]
+    unstated = StatedWheels("pairs of continuous joints", {})
+    origin, sides, *_ = next((stated for stated in statements if stated.sides), unstated)
+    missing_names = sorted(set(sides) - set(urdf.joints))
+    if sides:
+        joints = [urdf.joints[name] for name in sides if name in urdf.joints]
     else:
         joints = [joint for joint in urdf.joints.values() if _turns_alone(urdf, joint)]
     if missing_names:
@@ -106,7 +124,7 @@ def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
         notes.append(f"driven wheels not identified: {problem}; fill them in")
         return []
     notes.append(f"the driven wheels are {_names_of(joints)}, according to {origin}")
-    return sorted(joints, key=lambda joint: -urdf.pose(joint.child)[1, 3])
+    return sorted(joints, key=lambda joint: -_lateral(urdf, joint))
 
 
 def _names_of(joints: List[Any]) -> str:
@@ -114,16 +132,44 @@ def _names_of(joints: List[Any]) -> str:
     return ", ".join(joint.name for joint in joints) or "none"
 
 
-def _names_in_drive_plugins(urdf: UrdfFile) -> List[str]:
-    """Return the names of the driven joints in the tags of Gazebo's drive plugins."""
-    joint_names: List[str] = []
+def _lateral(urdf: UrdfFile, joint: Any) -> float:
+    """Return the y of a joint's child in the base frame [m], which is positive on the left."""
+    return float(urdf.pose(joint.child)[1, 3])
+
+
+def _drive_plugins(urdf: UrdfFile) -> Iterator[StatedWheels]:
+    """Yield what the tags of Gazebo's drive plugins state."""
     for plugin in urdf.xml.iter("plugin"):
         if not _DRIVE_PLUGIN.search(str(plugin.get("filename"))):
             continue
+        sides = {}
         for tag in plugin.iter():
-            if _DRIVEN_TAG.match(tag.tag):
-                joint_names += re.split(r"[\s,]+", (tag.text or "").strip())
-    return list(filter(None, joint_names))
+            side = _DRIVEN_TAG.match(tag.tag)
+            if side:
+                names = re.split(r"[\s,]+", (tag.text or "").strip())
+                sides.update(dict.fromkeys(filter(None, names), side[1].lower()))
+        radius = _number(plugin, "wheelDiameter") / 2
+        yield StatedWheels("the drive plugin", sides, radius, _number(plugin, "wheelSeparation"))
+
+
+def _contradictions(
+    urdf: UrdfFile, stated: StatedWheels, joints: List[Any], base: Dict[str, Any]
+) -> Iterator[str]:
+    """Yield what is stated about the driven wheels otherwise than by their joints and shapes."""
+    for joint in joints:
+        y = _lateral(urdf, joint)
+        side = stated.sides.get(joint.name)
+        if side and (side == "left") != (y > 0):
+            problem = f"{joint.name} is on the {side}, but at y = {y:.3g} m"
+            yield f"{stated.origin}: {problem}: turns are mirrored, exchange left and right there"
+    lengths = [("radius of a wheel", stated.radius, base.get("wheel_radius", nan))]
+    # The file of a skid_steer base may state how far apart wheels without slip would be.
+    if base.get("drive") == "two_wheel":
+        lengths.append(("separation of the wheels", stated.separation, base["track"]))
+    for name, stated_length, length in lengths:
+        if abs(stated_length - length) > SAME_SHARE * length:
+            values = f"{stated_length:.3g} m in {stated.origin}, but {length:.3g} m in {urdf.path}"
+            yield f"the {name} is {values}: correct the wrong one"
 
 
 def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
@@ -254,17 +300,6 @@ def _extent(shapes: List[Array]) -> Tuple[Array, Array]:
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
-def _is_upright_cylinder(shapes: List[Array]) -> bool:
-    """Return whether shapes, seen from above, lie within the oval that fills their bounds."""
-    lowest, highest = _extent(shapes)
-    centre = (lowest + highest) / 2
-    half_size = (highest - lowest) / 2
-    # Positions with the half axes as units: a box has corners at a squared distance of 2.
-    scaled = ((np.concatenate(shapes) - centre) / half_size)[:, :2]
-    squared_distances = np.square(scaled).sum(axis=1)
-    return bool(squared_distances.max() < SQUARED_OVAL)
-
-
 def _body(
     urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description
 ) -> None:
@@ -302,8 +337,14 @@ def _body(
         body["size"] = (highest - lowest).tolist()
         body["centre"] = ((lowest + highest) / 2)[:2].tolist()
         body["bottom"] = float(lowest[2])
-        if _is_upright_cylinder(shapes):
+        if geometry.is_oval(np.concatenate(shapes)[:, :2]):
             body["round"] = True
+        for joint in joints:
+            for link_name in urdf.parts(joint):
+                shapes += urdf.shapes(link_name)
+        sizes = check.unlike_sizes(footprint, np.concatenate(shapes)[:, :2])
+        if sizes:
+            description.notes.append(f"{sizes}: correct the footprint, or body in {FILE}")
         _note_excluded_links(urdf, joints, description.notes)
         return
     description.notes.append(f"outline not identified: {problem}; fill it in")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
+from math import nan
 from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Set, Tuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from applr_ros1.robots.parameter_files import (
     too_deep,
 )
 from applr_ros1.robots.robot import number_at
+from applr_ros1.robots.urdf_import.description import StatedWheels
 
 NAMESPACES = ("", *PLACES)  # namespaces of parameter files below move_base
 
@@ -69,7 +71,7 @@ class Parameters:
         full: Nested values with all defaults filled in.
         added: Parameters that robot.yaml must give in addition to the files.
         limits: Limits in the controller's file, by field of robot.yaml's section base.
-        driven: Joints of the driven wheels in the controller's file.
+        wheels: What the controller's file states about the driven wheels; empty without one.
         notes: Messages for the user.
     """
 
@@ -78,7 +80,7 @@ class Parameters:
     full: Dict[str, Any] = field(default_factory=dict)
     added: Dict[str, Any] = field(default_factory=dict)
     limits: Dict[str, float] = field(default_factory=dict)
-    driven: List[str] = field(default_factory=list)
+    wheels: List[StatedWheels] = field(default_factory=list)
     notes: List[str] = field(default_factory=list)
 
     def frames(self) -> Dict[str, str]:
@@ -253,7 +255,7 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
         )
     elif controllers:
         parameters.limits = _limits(controllers[0])
-        parameters.driven = _driven(controllers[0])
+        parameters.wheels = [_wheels(controllers[0])]
     present_planners = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]
     # The files do not name the planner: a launch file, which is not read, does.
     if "base_local_planner" not in parameters.tree and present_planners == [LOCAL_PLANNERS[1]]:
@@ -346,19 +348,22 @@ def _is_diff_drive_base(controller: Dict[str, Any]) -> bool:
     return "DiffDriveBaseController" in str(controller.get("type"))
 
 
-def _driven(controller: Dict[str, Any]) -> List[str]:
-    """Return the joints driven by a controller."""
-    if _is_diff_drive_base(controller):
-        parameter_names = ("l_wheel_joint", "r_wheel_joint")  # Their defaults are the same.
-        return [str(controller.get(name, name)) for name in parameter_names]
-    joints: List[str] = []
-    for side in ("left_wheel", "right_wheel"):
-        side_joints = controller.get(side, [])
+def _wheels(controller: Dict[str, Any]) -> StatedWheels:
+    """Return what a controller's file states about the driven wheels."""
+    sides = {}
+    for side in ("left", "right"):
+        joint_names = controller.get(f"{side}_wheel", [])
+        if _is_diff_drive_base(controller):
+            parameter_name = f"{side[0]}_wheel_joint"
+            joint_names = controller.get(parameter_name, parameter_name)  # its default is the same
         # A controller of two wheels may name one without a list.
-        if not isinstance(side_joints, list):
-            side_joints = [side_joints]
-        joints += map(str, side_joints)
-    return joints
+        if not isinstance(joint_names, list):
+            joint_names = [joint_names]
+        sides.update(dict.fromkeys(map(str, joint_names), side))
+    lengths = []
+    for parameter_name in ("wheel_radius", "wheel_separation"):
+        lengths.append(number_at(controller, "", (parameter_name,)) or nan)
+    return StatedWheels("the controller's file", sides, *lengths)
 
 
 def _limits(controller: Dict[str, Any]) -> Dict[str, float]:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import io
 import logging
+import multiprocessing
 import os
 import re
+import resource
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Set
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Set, Tuple
 
 import numpy as np
 from defusedxml import ElementTree
@@ -25,6 +27,8 @@ from applr_ros1.robots.urdf_import.xml_checks import shape_problem, tree_problem
 BASES = ("base_link", "base_footprint")  # usual names of a base frame
 # How to get the URDF that a running robot uses
 OF_RUNNING_ROBOT = "rosparam get -p /robot_description > robot.urdf"
+EXPANSION_S = 30.0  # longest time of the expansion of a xacro file [s]
+EXPANSION_BYTES = 2 << 30  # most memory of the expansion of a xacro file
 _OPTENV = re.compile(r"\$\(optenv\s+(\w+)")  # a variable that xacro reads if it is set
 
 
@@ -48,18 +52,42 @@ def _find_packages(path: str) -> None:
         xacrodoc.packages.update_package_cache(packages)
 
 
-def _expanded(path: str, arguments: Mapping[str, str]) -> str:
-    """Return the URDF of a xacro file, whose expressions are evaluated as Python."""
+def _expanded(path: str, arguments: Mapping[str, str]) -> Tuple[str, List[str]]:
+    """Return the URDF of a xacro file, and the variables that the file reads (_variables).
+
+    A xacro file is a program, which may wait at a pipe or take all memory. Another process runs it,
+    within EXPANSION_S and EXPANSION_BYTES.
+    """
+    with multiprocessing.get_context("fork").Pool(1, _limit_memory) as pool:
+        expansion = pool.apply_async(_expand, (path, dict(arguments)))
+        try:
+            return expansion.get(EXPANSION_S)
+        except multiprocessing.TimeoutError:
+            problem = f"it has not ended after {EXPANSION_S:g} s"
+        except ApplrError as error:
+            problem = str(error)
+    raise ApplrError(
+        f"{path}: xacro fails: {problem}; give arguments as NAME:=VALUE and put packages "
+        f"beside this file's package, or give the expanded URDF: {OF_RUNNING_ROBOT}"
+    )
+
+
+def _limit_memory() -> None:
+    """Limit the memory that this process may take in addition to what it has."""
+    page_count, *_ = Path("/proc/self/statm").read_text().split()
+    limit = int(page_count) * resource.getpagesize() + EXPANSION_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def _expand(path: str, arguments: Dict[str, str]) -> Tuple[str, List[str]]:
+    """Return what `_expanded` returns. Expressions of the file are evaluated as Python."""
     import xacro
 
     try:
-        return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
+        urdf_text = str(xacro.process_file(path, mappings=arguments).toxml())
     except Exception as error:  # An expression may raise any exception.
-        problem = " ".join(str(error).split())
-        raise ApplrError(
-            f"{path}: xacro fails: {problem}; give arguments as NAME:=VALUE and put packages "
-            f"beside this file's package, or give the expanded URDF: {OF_RUNNING_ROBOT}"
-        ) from error
+        raise ApplrError(" ".join(str(error).split())) from None
+    return urdf_text, _variables(path)
 
 
 def _variables(path: str) -> List[str]:
@@ -131,8 +159,7 @@ class UrdfFile:
         _find_packages(path)
         is_xacro = path.endswith(".xacro")
         if is_xacro:
-            urdf_text = _expanded(path, arguments)
-            self.variables = _variables(path)
+            urdf_text, self.variables = _expanded(path, arguments)
         else:
             urdf_text = plain_xml(content)
         with _named(path):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from typing import Any, Dict, List
+from typing import Any
 
 
 def shape_problem(xml: Any) -> str:
@@ -24,43 +23,28 @@ def tree_problem(xml: Any, base_frame: str) -> str:
     """
     links = [link.get("name") for link in xml.findall("link")]
     joints = xml.findall("joint")
-    for tag, names in (("link", links), ("joint", [joint.get("name") for joint in joints])):
-        name, count = Counter(names).most_common(1)[0] if names else ("", 0)
-        if count > 1:
-            return f"{count} {tag}s have the name {name}"
-
-    # A link has one parent.
-    parent_of: Dict[str, str] = {}
+    ends_of_joints = []
     for joint in joints:
-        ends = {}
-        for end in ("parent", "child"):
-            tag = joint.find(end)
-            ends[end] = "" if tag is None else str(tag.get("link"))
-            if ends[end] not in links:
-                return f"the {end} of joint {joint.get('name')} is no link of the file: {ends[end]}"
-        child = ends["child"]
-        if child in parent_of:
-            return f"link {child} is the child of two joints"
-        parent_of[child] = ends["parent"]
+        ends = {tag.get("link") for tag in joint if tag.tag in ("parent", "child")}
+        for name in ends.difference(links):
+            return f"joint {joint.get('name')} names {name}, which is no link of the file"
+        ends_of_joints.append(ends)
 
-    # Links by the root of their part
-    parts: Dict[str, List[str]] = {}
-    for link_name in links:
-        root = link_name
-        for _ in links:
-            root = parent_of.get(root, root)
-        if root in parent_of:
-            return f"the joints above link {link_name} form a ring"
-        parts.setdefault(root, []).append(link_name)
-    main_root = next(iter(parts))
-    for root, part in parts.items():
-        if base_frame in part:
-            main_root = root
-    loose_parts = []
-    for root, part in parts.items():
-        carried_links = ", ".join(part_link for part_link in part if part_link != root)
-        if root != main_root:
-            loose_parts.append(f"{root} (with {carried_links})" if carried_links else root)
-    if loose_parts:
-        return f"no joint connects {', '.join(loose_parts)} to {main_root}"
+    # Links that joints connect to the base, in any number of steps
+    root = base_frame if base_frame in links else links[0]
+    connected = {root}
+    count_before = 0
+    while count_before < len(connected):
+        count_before = len(connected)
+        for ends in ends_of_joints:
+            if ends & connected:
+                connected |= ends
+    loose_links = [link_name for link_name in links if link_name not in connected]
+    if loose_links:
+        return f"no joint connects {', '.join(loose_links)} to {root}"
+
+    # Connected links with more joints form a ring, or one of them has two parents.
+    if len(joints) != len(links) - 1 or len(set(links)) != len(links):
+        numbers = f"the {len(links)} links have {len(set(links))} names and {len(joints)} joints"
+        return f"{numbers}, but each needs a name of its own and all but the root one joint above"
     return ""

@@ -28,6 +28,7 @@ from tests.support import scenes
 from tests.support.pages import data_of
 from training.evaluate import evaluation
 from training.evaluate.loaded import move_base_parameters
+from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial
@@ -587,6 +588,24 @@ def test_a_search_tries_ranges_that_the_laser_has_and_none_for_a_robot_with_two(
     short_laser = JACKAL.laser.model_copy(update={"range_max": 1.0})
     short_sighted = replace(JACKAL.seeing(1.0), laser=short_laser)
     assert best_set.search_space(short_sighted).names == space_of(JACKAL).names
+
+
+def test_the_scope_is_the_distance_of_obstacles_from_the_paths():
+    """A passage is wider: its path need not lead through the middle, as here with 0.4 m and 1 m."""
+    path = np.array([(0.0, 0.0), (0.0, 4.0)])
+    course = worlds.Course((0.0, 0.0, 0.0), (0.0, 4.0, 0.0), None, 0.5, path)
+    left_post = (-0.6, 0.0, 0.2)
+    trial_worlds = []
+    for right_x in (0.5, 1.2):
+        posts = np.array([left_post, (right_x, 4.0, 0.2)])
+        world = worlds.World("posts", posts, np.zeros((0, 5)), course)
+        trial_worlds.append(TrialWorld("posts", "posts", world))
+    options = tune_robot.TuneOptions(robot=JACKAL, worlds="office.yaml")
+    assert found_set.scope(options, trial_worlds, trial_worlds[1:]) == (
+        "searched on 2 courses of office.yaml, with obstacles 0.30 to 0.40 m beside the path; "
+        "judged on 1 others, with obstacles 0.40 to 0.40 m beside the path; "
+        "half of the padded footprint's width is 0.27 m"
+    )
 
 
 @pytest.mark.parametrize("name", robots.NAMES)
