@@ -42,8 +42,11 @@ def run(options: EvaluationOptions) -> None:
         print(f"{counted(len(read_trials(table_path)), 'trial')} in {table_path}")
         if options.report:
             # Imported here, because pandas and scipy take seconds, which --help must not wait for.
-            from training.evaluate.report import write
+            from training.evaluate.report import headline, summary, write
+            from training.evaluate.stored import Results
 
+            results = Results(options.out)
+            print("\n".join(summary(results) or [headline(results)]))
             print(f"report: {write(options.out)}")
 
 

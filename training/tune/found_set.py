@@ -17,13 +17,14 @@ from applr_ros1.policy.parameter_space import declaration
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
 from training.common.command_line import robot_name
+from training.common.words import counted
 from training.env.settings import CHALLENGE
 from training.evaluate.evaluation import EvaluationOptions, evaluate
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
-from training.evaluate.verdict import SET, ComparisonVerdict, paired_trials, verdict
+from training.evaluate.verdict import SET, ComparisonVerdict, falls, paired_trials, verdict
 from training.tune.best_set import search_space
 from training.tune.options import TuneOptions
 from training.tune.search import Effect
@@ -36,6 +37,12 @@ if TYPE_CHECKING:
 NEXT = (
     "The same command only prints this answer again: give a longer --minutes, which continues the "
     "search, or another --seed, which begins a new one."
+)
+# Why there is no tuned.yaml beside a static.json, and what to do
+ONLY_WITH_MONITOR = (
+    "There is no tuned.yaml for your own move_base alone, because the set is not clearly better "
+    "without the collision monitor: start jackal_applr.launch with move_base:=cpp, which adds the "
+    "monitor and static.json to your move_base, or give a longer --minutes."
 )
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
@@ -114,7 +121,15 @@ def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Com
         if trial.method == BASELINE:
             by_default.append(result)
     cost = partial(aim.cost, robot=robot, baseline=Baseline.of(by_default, robot))
-    return verdict(paired_trials(results, (BASELINE, SET), cost), aim.rule)
+    trials = paired_trials(results, (BASELINE, SET), cost)
+    comparison = verdict(trials, aim.rule)
+    fall_count = falls(trials, SET)
+    if fall_count:
+        speed = f"base.max_speed, {robot.base.max_speed:g} m/s,"
+        problem = f"{SET} falls over in {counted(fall_count, 'drive')}"
+        remedy = "lower it in robot.yaml, and tune again"
+        comparison.lines.append(f"{problem}: {speed} is more than this base bears; {remedy}")
+    return comparison
 
 
 def scope(

@@ -260,6 +260,18 @@ def test_more_trials_only_append(tmp_path, run, refused):
     refused(command(tmp_path, "--loaded"), "--planner ours, not --planner ours --loaded")
 
 
+def test_the_result_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("TOY_SECONDS", "0")
+    monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
+    for methods, line in (
+        ("dwa", "dwa alone was driven.\n"),
+        ("dwa,random", "\nrandom better: "),
+    ):
+        worlds = ["--worlds", "generated:0-5", "--trials", "1", "--workers", "0"]
+        assert evaluate.main([*worlds, "--methods", methods, "--out", str(tmp_path / methods)]) == 0
+        assert line in capsys.readouterr().out
+
+
 def test_the_number_of_trials_is_that_of_the_table(tmp_path, run, capsys):
     few = {"worlds": "generated:0", "chosen": "dwa"}
     for trial_count, printed in ((1, "1 trial"), (2, "2 trials"), (1, "2 trials")):

@@ -73,9 +73,7 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
         status = int(training_run.run())
         if status:
             return status
-        # Without evaluations, there is no best policy, only the latest one.
-        policy_file = "best.safetensors" if training_run.evaluation.best else "actor.safetensors"
-        policies.append(run_folder / policy_file)
+        policies.append(training_run.policy_file)
     print("\n".join(choose(config, out_folder, policies)))
     return 0
 
