@@ -259,7 +259,11 @@ def test_each_program_has_a_command(clone):
     stand_ins = dict(QUICK, python=quick_python)
     (clone.folder / "sim_bridge").mkdir()
     own_python = str(clone.programs / "python")
-    for command, program in (("check", "check_robot"), ("evaluate", "evaluate"), ("train", "train")):
+    for command, program in (
+        ("check", "check_robot"),
+        ("evaluate", "evaluate"),
+        ("train", "train"),
+    ):
         ended = clone(command, "--help", stand_ins=stand_ins, APPLR_PYTHON=own_python)
         assert ended.status == 0
         assert clone.stdout.endswith(f"devel/lib/applr_ros1/{program}.py\n")

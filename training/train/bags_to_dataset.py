@@ -42,7 +42,7 @@ class DatasetOptions(BagOptions):
         "Progress [m] towards the goal at which a course counts as finished, for example 5.925 on "
         "the paper's course. By default, the result of move_base decides.", ge=-1e6, le=1e6)
     recipe: str = option("",
-        f"Recipe that gives the robot, the observation and the reward, as in train.py: "
+        f"Recipe that gives the robot, the observation and the reward, as in ./applr train: "
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
         "Namespace of move_base in the bags, whose goals are read.")
@@ -118,7 +118,7 @@ def run(options: DatasetOptions) -> None:
         )
     (only_period,) = periods or {PERIOD}
 
-    # Settings that train.py compares with its options (dataset_of in learner/prepare.py)
+    # Settings that ./applr train compares with its options (dataset_of in learner/prepare.py)
     about: Dict[str, Any] = {"bags": rows, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
     about["decision_period"] = round(only_period, 3)

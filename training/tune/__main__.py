@@ -9,7 +9,8 @@ parameter set and with the defects of the C++ move_base, without the collision m
 is judged twice on courses that the search did not use: without the monitor for ROBOT/tuned.yaml,
 which any move_base loads, and with the monitor for ROBOT/static.json, which the applr node uses. A
 file is written only if its verdict is clearly better, and the exit status is 0 only if a file is
-written. The minutes are those of the search; the verdicts take some more. The same command continues a stopped run.
+written. The minutes are those of the search; the verdicts take some more. The same command
+continues a stopped run.
 """
 
 from __future__ import annotations
@@ -34,7 +35,15 @@ from training.robot import open_floor
 from training.robot.open_floor import show
 from training.tune.best_set import best_set, drives_of, search_space, warm_starts
 from training.tune.clock import SearchClock
-from training.tune.found_set import NEXT, ONLY_WITH_MONITOR, Judgement, changes, judged, scope, write_set
+from training.tune.found_set import (
+    NEXT,
+    ONLY_WITH_MONITOR,
+    Judgement,
+    changes,
+    judged,
+    scope,
+    write_set,
+)
 from training.tune.options import TuneOptions, check_maps, split
 
 # files, each judged with or without the collision monitor

@@ -46,8 +46,8 @@ from training.tune.search import (
 )
 from training.workers.pool import Pool
 
-# Ends of the stages as shares of the time of the search. The kinematic simulator takes less time for
-# a drive, so that the search begins in it.
+# Ends of the stages as shares of the time of the search. The kinematic simulator takes less time
+# for a drive, so that the search begins in it.
 COARSE_SHARE = 0.29  # search in the kinematic simulator
 SEARCH_SHARE = 0.72  # search in pybullet
 RACE_SHARE = 0.86  # race of the best parameter sets

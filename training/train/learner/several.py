@@ -1,4 +1,4 @@
-"""Trainings with several seeds, whose best policy is kept: `train.py --seeds 3`.
+"""Trainings with several seeds, whose best policy is kept: `./applr train --seeds 3`.
 
 The result of a training depends on its seed. Runs with several seeds share the time or a dataset,
 and their best policies drive the same fresh courses. The policy with the lowest mean score is

@@ -1,9 +1,9 @@
 """Datasets for offline training in Minari's format.
 
-`bags_to_dataset` writes them, and `train.py --dataset` reads them. Other libraries can read the
-datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads them with
-h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can name
-anything.
+`bags_to_dataset` writes them, and `./applr train --dataset` reads them. Other libraries can read
+the datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads them
+with h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can
+name anything.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def describe(transitions: int, seconds: float) -> str:
     """
     prospect = EXPECTATION
     if transitions < FEWEST_TRANSITIONS:
-        prospect = f"train needs at least {FEWEST_TRANSITIONS}, better those of an hour"
+        prospect = f"./applr train needs at least {FEWEST_TRANSITIONS}, better those of an hour"
     return f"{transitions} transitions in {seconds / 3600.0:.2g} h of driving; {prospect}"
 
 
