@@ -84,7 +84,8 @@ def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> ComparisonVerdict
         flaw = ""
         fall_count = falls(trials, method)
         if fall_count > falls(trials, BASELINE):
-            flaw = f"it falls over in {counted(fall_count, 'drive')}"
+            remedy = "lower base.max_speed in robot.yaml to what the base bears"
+            flaw = f"it falls over in {counted(fall_count, 'drive')}: {remedy}"
         elif worst[method] > worst[BASELINE]:
             flaw = "its worst tenth is worse"
         if comparison.better(level) and not flaw:

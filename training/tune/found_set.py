@@ -17,14 +17,13 @@ from applr_ros1.policy.parameter_space import declaration
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
 from training.common.command_line import robot_name
-from training.common.words import counted
 from training.env.settings import CHALLENGE
 from training.evaluate.evaluation import EvaluationOptions, evaluate
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
-from training.evaluate.verdict import SET, ComparisonVerdict, falls, paired_trials, verdict
+from training.evaluate.verdict import SET, ComparisonVerdict, paired_trials, verdict
 from training.tune.best_set import search_space
 from training.tune.options import TuneOptions
 from training.tune.search import Effect
@@ -121,15 +120,7 @@ def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Com
         if trial.method == BASELINE:
             by_default.append(result)
     cost = partial(aim.cost, robot=robot, baseline=Baseline.of(by_default, robot))
-    trials = paired_trials(results, (BASELINE, SET), cost)
-    comparison = verdict(trials, aim.rule)
-    fall_count = falls(trials, SET)
-    if fall_count:
-        speed = f"base.max_speed, {robot.base.max_speed:g} m/s,"
-        problem = f"{SET} falls over in {counted(fall_count, 'drive')}"
-        remedy = "lower it in robot.yaml, and tune again"
-        comparison.lines.append(f"{problem}: {speed} is more than this base bears; {remedy}")
-    return comparison
+    return verdict(paired_trials(results, (BASELINE, SET), cost), aim.rule)
 
 
 def scope(

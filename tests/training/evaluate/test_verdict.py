@@ -163,7 +163,10 @@ def test_the_lines_say_what_the_test_counts():
         # 20 courses: the worst tenth is two, of which one takes 45 s.
         ((30.0, 45.0), "its worst tenth is worse"),
         # The fall costs no more than dwa's failure.
-        (("time limit", "flipped"), "it falls over in 1 drive"),
+        (
+            ("time limit", "flipped"),
+            "it falls over in 1 drive: lower base.max_speed in robot.yaml to what the base bears",
+        ),
     ],
 )
 def test_a_policy_that_is_better_on_average_and_has_a_flaw_is_not_better(course, flaw):

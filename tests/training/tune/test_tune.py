@@ -365,7 +365,7 @@ def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_j
     assert tune(jackal, runner) == 0
     printed = capsys.readouterr().out
     assert (found_set.ONLY_WITH_MONITOR in printed) == (files == {"static.json"})
-    fall = "static falls over in 1 drive: base.max_speed, 2 m/s, is more than this base bears; "
+    fall = "; it falls over in 1 drive: lower base.max_speed in robot.yaml"
     assert (fall in printed) == (runner == "falls_with_monitor")
     new_files = set(jackal.iterdir()) - files_before
     assert {file.name for file in new_files} == files

@@ -210,9 +210,11 @@ class TrainingRun:
             print(f"best policy: {describe(self.evaluation.best)}")
         # Several seeds are judged together.
         if self.config.seeds == 1:
-            compared = f"--robot {robot_name(self.config.robot)} --methods dwa,{self.policy_file}"
-            courses = f"--worlds {VERDICT} --trials 1 --monitor"
-            print(f"to judge the policy: ./applr evaluate {compared} {courses} --out DIR")
+            robot = robot_name(self.config.robot)
+            print(
+                f"to judge the policy: ./applr evaluate --robot {robot} --methods dwa,"
+                f"{self.policy_file} --worlds {VERDICT} --trials 1 --monitor --out DIR"
+            )
         return status
 
     @property
