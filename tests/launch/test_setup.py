@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import xml.etree.ElementTree as xml
 from typing import List, NamedTuple
 
 import pytest
@@ -242,7 +243,12 @@ def test_what_an_old_python_cannot_run_is_refused_before_anything_is_installed(c
 )
 def test_a_misspelt_argument_is_refused_before_anything_is_installed(clone, words, wrong):
     error_line = clone.refusal(*words, stand_ins=NOTHING)
-    assert error_line.startswith(f"applr: {wrong} is not an argument: give ARG:=VALUE with one of ")
+    declarations = xml.parse(ROOT / "applr_ros1/launch/jackal_applr.launch").findall("arg")
+    known = dict.fromkeys(arg.get("name") for arg in declarations if arg.get("doc"))
+    if words[0] == "demo":
+        known.update(page=None, limit=None)
+    problem = f"applr: {wrong} is not an argument"
+    assert error_line == f"{problem}: give ARG:=VALUE with one of {', '.join(known)}"
     assert not (clone.folder / ".applr").exists()
 
 

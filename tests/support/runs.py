@@ -1,5 +1,5 @@
-"""Runs for tests: trainings in the environment of training.py, and a runner of trials that draws its
-results.
+"""Runs for tests: trainings in the environment of training.py, and a runner of trials that draws
+its results.
 """
 
 import json
