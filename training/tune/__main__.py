@@ -116,8 +116,8 @@ def run(options: TuneOptions) -> int:
 
         # Each verdict drives its own courses, which takes minutes.
         judgements = []
-        for file_name, _ in JUDGED:
-            judgements.append(judge(options, unseen, drives, file_name))
+        for file_name, monitor in JUDGED:
+            judgements.append(judge(options, unseen, drives, file_name, monitor))
         for_any_move_base, with_monitor = judgements
         is_written = for_any_move_base.is_better or with_monitor.is_better
         if not is_written:
@@ -129,17 +129,17 @@ def run(options: TuneOptions) -> int:
     return 0 if is_written else 1
 
 
-def judge(options: TuneOptions, unseen: str, drives: Path, file: str) -> Judgement:
+def judge(options: TuneOptions, unseen: str, drives: Path, file: str, monitor: str) -> Judgement:
     """Judge the set in `drives`, and write the file if it is better.
 
     Args:
         options: Options of the command.
         unseen: Worlds that the search did not use.
         drives: Folder with the parameter set.
-        file: Name of the file, one of JUDGED.
+        file: Name of the file.
+        monitor: "with" or "without" the collision monitor.
     """
     robot = options.robot
-    monitor = dict(JUDGED)[file]
     judged_set = judged(options, unseen, drives, monitor)
     is_better = judged_set.method == SET
     if is_better:
