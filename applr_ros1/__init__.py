@@ -33,7 +33,7 @@ def load_policy(robot: typing.Any = "jackal", file: str = "") -> typing.Any:
 
     Args:
         robot: Name of an included robot, or folder with robot.yaml.
-        file: Path of a policy that train.py wrote; "" for the one in the robot's folder.
+        file: Path of a policy that ./applr train wrote; "" for the one in the robot's folder.
 
     Returns:
         The policy.actor.Policy. Its `environment` holds the arguments for gymnasium.make.

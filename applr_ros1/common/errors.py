@@ -111,7 +111,7 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
 
     Args:
         main: The command; returns an exit status, or None for 0.
-        program: Name of the program as the user typed it, for example "evaluate.py".
+        program: Name of the program as the user typed it, for example "./applr evaluate".
     """
     try:
         return main() or 0

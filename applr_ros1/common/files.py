@@ -56,21 +56,21 @@ def reading(path: Any, remedy: str = DAMAGED) -> Iterator[None]:
             failure = f"cannot be read ({reason(error)}); give an existing file"
         else:
             # The words of other libraries do not help a user, but a place in a text does.
-            failure = f"cannot be read ({_place(error) or type(error).__name__}); {remedy}"
+            failure = f"cannot be read{_place(error)}; {remedy}"
             if os.environ.get("APPLR_DEBUG"):  # The caller may go on without the file.
                 traceback.print_exc()
         raise FileError(f"{path}: {failure}") from error
 
 
 def _place(error: Exception) -> str:
-    """Return the place at which a parser of texts failed, or "" for any other error."""
+    """Return in brackets where a parser of texts failed, or "" for any other error."""
     if isinstance(error, json.JSONDecodeError):
-        return f"line {error.lineno}, column {error.colno}"
+        return f" (line {error.lineno}, column {error.colno})"
     if isinstance(error, ParseError):
         line, column = error.position
-        return f"line {line}, column {column + 1}"
+        return f" (line {line}, column {column + 1})"
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
-        return f"line {error.problem_mark.line + 1}, column {error.problem_mark.column + 1}"
+        return f" (line {error.problem_mark.line + 1}, column {error.problem_mark.column + 1})"
     return ""
 
 

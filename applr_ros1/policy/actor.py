@@ -229,7 +229,7 @@ def load(
         file_format = header.get("format")
         if file_format not in (FORMAT, CONTEXTS_FORMAT):
             problem = f"unknown policy format {shown(file_format)}"
-            raise ApplrError(f"{problem}: give a file written by train.py or appld.py")
+            raise ApplrError(f"{problem}: give a file written by ./applr train or appld.py")
         metadata = {}
         for entry_name, json_text in header.items():
             if entry_name not in PLAIN_ENTRIES:

@@ -16,8 +16,8 @@ A user-defined method is a subclass of Method in any module:
             # Other parameters keep their values of theta_0.
             return SPACE.from_dict({"max_vel_x": 0.3 if is_near else 1.0})
 
-It is named as `evaluate.py --methods my_module:Cautious`, and as `method:=my_module:Cautious`. The
-class may also be in a file: `my_methods.py:Cautious`. The returned parameters are clipped to
+It is named as `./applr evaluate --methods my_module:Cautious`, and as `method:=my_module:Cautious`.
+The class may also be in a file: `my_methods.py:Cautious`. The returned parameters are clipped to
 the space's bounds, and NaN is rejected.
 """
 
@@ -145,7 +145,7 @@ def _fixed(path: str, robot: Robot) -> FixedParameters:
 
 
 def _trained(robot: Robot) -> Method:
-    command = f"./applr exec python -m training.train --recipe jackal --robot {robot.folder}"
+    command = f"./applr train --recipe jackal --robot {robot.folder}"
     # A robot without a tuned set may have none that is better than its default parameters.
     if not os.path.exists(shipped(SET, robot)):
         command += " --init-from dwa"

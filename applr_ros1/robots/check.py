@@ -3,7 +3,7 @@
 `check` returns errors, with which the robot cannot be driven. `remarks` returns values that degrade
 driving or have no effect, with parameters that correct them. Each line gives problem, value and
 remedy. Names with dots are fields of robot.yaml, and names with slashes are parameters of
-move_base. check_robot.py prints all lines, while `load` of folder.py only raises the errors. Values
+move_base. ./applr check prints all lines, while `load` of folder.py only raises the errors. Values
 on ROS's parameter server, outside a robot's folder, are only checked by planner.parameters.check.
 """
 

@@ -33,7 +33,7 @@ class RobotError(ApplrError):
         first_error, *other_errors = self.lines
         message = f"{folder}: {first_error}"
         if other_errors:
-            message += f" ({len(other_errors)} more: check_robot.py lists them)"
+            message += f" ({len(other_errors)} more: ./applr check lists them)"
         super().__init__(message)
 
 

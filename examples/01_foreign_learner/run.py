@@ -1,8 +1,9 @@
 """Trains TD3 of stable-baselines3 in the environment, and writes its policy as an actor file.
 
 The environment follows Gymnasium, so any library can learn in it. The file drives like the included
-policy: `./applr demo method:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`.
-A good policy needs about 100,000 steps; this example only shows the procedure.
+policy: `./applr demo method:=actor.safetensors`, or `./applr evaluate --methods
+dwa,actor.safetensors`. A good policy needs about 100,000 steps; this example only shows the
+procedure.
 """
 
 import argparse

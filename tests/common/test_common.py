@@ -292,7 +292,7 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     assert (tmp_path / "results/report/table_1.csv").exists()
     # The evaluation prints lines before those of the commands.
     for command_line in printed_lines[-len(commands) :]:
-        assert re.match("ended with: (train.py: )?Python's ", command_line), command_line
+        assert re.match("ended with: (./applr train: )?Python's ", command_line), command_line
         assert command_line.endswith("pip install '.[train]'"), command_line
 
 

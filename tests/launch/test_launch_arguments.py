@@ -235,6 +235,12 @@ def test_one_argument_switches_the_prediction_off():
         assert launched.parameters.get("/move_base/applr/movers") is is_on
 
 
+def test_a_robot_with_a_page_publishes_the_trajectories_that_it_draws():
+    for words, is_on in (((), None), (("viewer:=true",), True)):
+        parameters = loaded("jackal_applr.launch", *words).parameters
+        assert parameters.get("/move_base/DWAPlannerROS/publish_traj_pc") is is_on
+
+
 def test_the_monitor_makes_escape_motions_only_with_a_cpp_move_base():
     for words, is_on in (((), False), (("move_base:=cpp",), True)):
         parameters = loaded("jackal_applr.launch", *words).parameters

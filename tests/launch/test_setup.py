@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import xml.etree.ElementTree as xml
 from typing import List, NamedTuple
 
 import pytest
@@ -36,9 +37,10 @@ class Clone:
         self.programs.mkdir()
         for file_name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
             shutil.copy2(ROOT / file_name, folder / file_name)
-        package_folders = ("applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts")
+        package_folders = ("cfg", "launch", "nodes/tools", "planner", "scripts")
         without_caches = shutil.ignore_patterns("__pycache__")
-        for copied_folder in ("requirements", "msg", "srv", "compat", *package_folders):
+        in_package = [f"applr_ros1/{package_folder}" for package_folder in package_folders]
+        for copied_folder in ("requirements", "msg", "srv", "compat", *in_package):
             shutil.copytree(ROOT / copied_folder, folder / copied_folder, ignore=without_caches)
 
     def start(self, *words, stand_ins=(), before=(), stderr=subprocess.PIPE, **environment):
@@ -222,12 +224,55 @@ def test_a_terminated_set_up_leaves_no_process(clone, tmp_path, stage):
     wait_for(lambda: not is_alive(int(pid_file.read_text())), "the end of the program")
 
 
-@pytest.mark.parametrize("command", ["play", "robot", "tune", "why"])
+@pytest.mark.parametrize("command", ["play", "robot", "check", "tune", "why", "evaluate", "train"])
 def test_what_an_old_python_cannot_run_is_refused_before_anything_is_installed(clone, command):
     stand_ins = dict(NOTHING, python=PYTHON.replace("echo 3.11", "echo 3.8"))
     python = str(clone.programs / "python")
     error_line = clone.refusal(command, stand_ins=stand_ins, APPLR_PYTHON=python)
     assert error_line.startswith(f"applr: {command} needs Python 3.10 or later, this is 3.8: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "wrong"),
+    [
+        (["demo", "worl:=generated:7"], "worl:=generated:7"),
+        (["demo", "world:=generated:7", "--headless"], "--headless"),
+        (["demo", "world:="], "world:="),
+        (["play", "--no-browser", "page:=none"], "page:=none"),  # an argument of the demo alone
+    ],
+)
+def test_a_misspelt_argument_is_refused_before_anything_is_installed(clone, words, wrong):
+    error_line = clone.refusal(*words, stand_ins=NOTHING)
+    declarations = xml.parse(ROOT / "applr_ros1/launch/jackal_applr.launch").findall("arg")
+    known = dict.fromkeys(arg.get("name") for arg in declarations if arg.get("doc"))
+    if words[0] == "demo":
+        known.update(page=None, limit=None)
+    problem = f"applr: {wrong} is not an argument"
+    assert error_line == f"{problem}: give ARG:=VALUE with one of {', '.join(known)}"
+    assert not (clone.folder / ".applr").exists()
+
+
+def test_the_arguments_of_demo_and_play_are_accepted(clone):
+    no_python = {"APPLR_PYTHON": "/no/such"}  # The set-up begins, and ends at once.
+    of_demo = ["world:=generated:7", "max_speed:=0.4", "page:=none", "limit:=9", "__name:=mine"]
+    assert "no /no/such" in clone.refusal("demo", *of_demo, **no_python)
+    assert "no /no/such" in clone.refusal("play", "--no-browser", "robot:=husky", **no_python)
+
+
+def test_each_program_has_a_command(clone):
+    """The stand-in workspace has no programs, so that the Python of the venv reports the path."""
+    quick_python = PYTHON + '\ncase "$1" in *.py) echo "$1" ;; esac'
+    stand_ins = dict(QUICK, python=quick_python)
+    (clone.folder / "sim_bridge").mkdir()
+    own_python = str(clone.programs / "python")
+    for command, program in (
+        ("check", "check_robot"),
+        ("evaluate", "evaluate"),
+        ("train", "train"),
+    ):
+        ended = clone(command, "--help", stand_ins=stand_ins, APPLR_PYTHON=own_python)
+        assert ended.status == 0
+        assert clone.stdout.endswith(f"devel/lib/applr_ros1/{program}.py\n")
 
 
 def test_exec_starts_programs_and_has_no_options(clone):
@@ -273,8 +318,11 @@ def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path)
     stand_ins = dict(QUICK, python=PYTHON + "\n" + compiler)
     python = str(clone.programs / "python")
 
+    reasons = []  # lines about kernels that another user or HOME has compiled
+
     def compiles(*words, **environment):
         ended = clone(*words, stand_ins=stand_ins, APPLR_PYTHON=python, **environment)
+        reasons.extend(line for line in ended.lines if "the compiled kernels are in" in line)
         return "compiling" in ended.lines
 
     # exec runs any command, most of which need no kernels.
@@ -290,7 +338,9 @@ def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path)
     (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 2")
     assert compiles("tune")
     assert not compiles("tune")
+    assert not reasons
     assert compiles("setup", XDG_CACHE_HOME=str(tmp_path))  # another folder
+    assert f"; they are needed in that of user {os.getuid()}, HOME=" in reasons[0]
 
 
 def test_an_old_and_a_missing_python_are_refused(clone):
@@ -300,6 +350,16 @@ def test_an_old_and_a_missing_python_are_refused(clone):
         ("/no/such", "no /no/such"),
     ):
         assert problem in clone.refusal("setup", stand_ins=stand_ins, APPLR_PYTHON=python)
+
+
+def test_a_python_that_does_not_see_the_modules_of_ros_is_refused_at_once(clone, tmp_path):
+    """As one of pyenv, for which catkin_make would fail after all packages are installed."""
+    own_prefix = tmp_path / "own"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", own_prefix], check=True)
+    python = str(own_prefix / "bin" / "python")
+    for command in ("setup", "packages"):
+        error_line = clone.refusal(command, stand_ins=NOTHING, APPLR_PYTHON=python)
+        assert error_line.startswith(f"applr: {python} does not see the Python modules of ROS in ")
 
 
 @pytest.mark.parametrize("is_root", [True, False])

@@ -79,6 +79,7 @@ def page():
             )
             page.goto(address + ("&" if "?" in address else "?") + FEW_PIXELS)
             reads(page, "waiting for a goal")
+            reads(page, "a click on the ground is the next goal")
             reads(page, "parameters by policy")
             yield page
             assert complaints == []
@@ -100,8 +101,8 @@ def test_the_page_has_the_look_of_all_pages_and_shuts_nobody_out(page):
     verdict = page.locator(".status .verdict")
     text_color = verdict.evaluate("element => getComputedStyle(element).color")
     assert text_color == "rgb(207, 208, 208)"
-    assert page.get_by_role("slider", name="max_vel_x [m/s]").count() == 1
-    page.get_by_role("tab", name="View").click()
+    assert page.get_by_role("slider", name="max_vel_x [m/s] 0.2 to 2").count() == 1
+    page.get_by_role("tab", name="Legend and view").click()
     page.get_by_text("trajectories, cheap to dear").wait_for()
     assert faults_of(page) == []
     page.get_by_role("tab", name="Drive").click()

@@ -3,9 +3,11 @@
 from types import SimpleNamespace
 
 import pytest
+import rospy
 from applr_ros1.srv import SetMethodRequest
 
 from applr_ros1.nodes.applr import main
+from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.policy import methods
 from applr_ros1.robots import JACKAL
 
@@ -91,3 +93,14 @@ def test_the_answer_of_enable_says_what_drives():
     off = main.enable(node, SimpleNamespace(data=False))
     assert off.message == "off: the parameters of method random drive now"
     assert switched == [True, False]
+
+
+@pytest.mark.parametrize("is_ending", [False, True])
+def test_a_server_that_ends_before_this_node_is_no_warning(monkeypatch, is_ending):
+    """A launch file that ends sends SIGINT to both."""
+    warnings = []
+    monkeypatch.setattr(rospy, "logwarn", warnings.append)
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: is_ending)
+    node = SimpleNamespace(trouble="")
+    ApplrNode._note_trouble(node, "parameters not changed: /move_base does not answer")
+    assert len(warnings) == (not is_ending)

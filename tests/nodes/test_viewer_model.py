@@ -38,6 +38,22 @@ def test_a_round_body_is_shown_as_a_cylinder(is_round):
         assert shown_body["height"] == 0.2
 
 
+def test_an_arrow_on_the_body_points_to_its_front():
+    drawn = MagicMock()
+    shapes.Model(drawn, "/robot", JACKAL, (1, 2, 3))
+    (arrow,) = drawn.add_mesh_simple.mock_calls
+    _, corners, _ = arrow.args
+    body = JACKAL.body
+    length, width, height = body.size
+    tip = corners[np.argmax(corners[:, 0])]
+    np.testing.assert_allclose(tip, (length / 2.0, 0.0, 0.0))
+    assert np.abs(corners[:, 1]).max() < width / 2.0
+    *middle, arrow_height = arrow.kwargs["position"]
+    assert tuple(middle) == tuple(body.centre)
+    assert arrow_height == pytest.approx(body.bottom + height, abs=0.01)
+    assert arrow_height > body.bottom + height
+
+
 def test_a_handle_is_put_on_the_ground_with_the_heading_of_the_pose():
     handle = SimpleNamespace()
     shapes.put(handle, (1.0, 2.0, np.pi / 2.0))

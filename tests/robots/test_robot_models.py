@@ -55,7 +55,7 @@ def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
     assert_auto("static")
     (folder / "static.json").unlink()
     assert_auto("dwa")
-    command = r"`./applr exec python -m training.train --recipe jackal --robot .*/mine"
+    command = r"`./applr train --recipe jackal --robot .*/mine"
     remedies = rf"choose the method dwa, or run {command} --init-from dwa`, and copy best"
     with pytest.raises(ApplrError, match=rf"there is no .*applr.safetensors: .*{remedies}"):
         methods.make("applr", robot)

@@ -1,5 +1,5 @@
-"""Runs for tests: train.py in the environment of training.py, and a runner of trials that draws its
-results.
+"""Runs for tests: trainings in the environment of training.py, and a runner of trials that draws
+its results.
 """
 
 import json
@@ -85,8 +85,8 @@ def toy_run(config, env=Line):
 
 
 def main(arguments=None, env=Line):
-    """Run train.py in a toy environment."""
-    return run_main(lambda: toy_run(parse(arguments), env).run(), "train.py")
+    """Run ./applr train in a toy environment."""
+    return run_main(lambda: toy_run(parse(arguments), env).run(), "./applr train")
 
 
 def toy(out, *more):
@@ -95,10 +95,10 @@ def toy(out, *more):
 
 
 def one_line(capsys, arguments, pattern, main=main):
-    """Assert that train.py ends with one line on stderr that matches the pattern."""
+    """Assert that the command ends with one line on stderr that matches the pattern."""
     capsys.readouterr()
     assert main(list(map(str, arguments))) > 0
-    error_lines = lines_with(capsys.readouterr().err, "train.py: ")
+    error_lines = lines_with(capsys.readouterr().err, "./applr train: ")
     assert len(error_lines) == 1, error_lines
     assert re.search(pattern, error_lines[0]), error_lines[0]
 

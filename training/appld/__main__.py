@@ -2,8 +2,9 @@
 
 Run it as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the
 demonstrations into segments, similar segments form contexts, CMA-ES finds the parameters of each
-context, and a small network learns to recognise the context from the scan. evaluate.py --methods
-and method:= accept the file that the command writes. docs/howto/training.md describes the method.
+context, and a small network learns to recognise the context from the scan. The option --methods of
+./applr evaluate and method:= accept the file that the command writes. docs/howto/training.md
+describes the method.
 """
 
 from __future__ import annotations

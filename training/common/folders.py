@@ -39,7 +39,7 @@ class Lock:
         ApplrError: Another process holds the lock.
     """
 
-    def __init__(self, folder: os.PathLike[str] | str, who: str = "train.py"):
+    def __init__(self, folder: os.PathLike[str] | str, who: str = "./applr train"):
         # Kept open: closing the file releases the lock.
         self._file = open(Path(folder) / "lock", "w")  # noqa: SIM115
         try:

@@ -36,7 +36,7 @@ def under(protocol: str, world: World) -> World:
 
 
 class DriveSettings(Options):
-    """Robot, simulator, planner and rules of drives, as options of evaluate.py and train.py."""
+    """Robot, simulator, planner and rules of drives, as options of evaluations and trainings."""
 
     model_config = ConfigDict(title="Robot, simulator and rules")
 

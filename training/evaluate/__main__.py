@@ -1,7 +1,7 @@
 """Evaluates methods: drives each in every world, and writes tables, figures and statistics.
 
-Run it as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The same command
-continues a stopped evaluation, whose results do not depend on the interruption.
+Run it as `./applr evaluate`, `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The
+same command continues a stopped evaluation, whose results do not depend on the interruption.
 docs/howto/evaluation.md describes the results, docs/reference/methods.md lists the methods and
 explains how to write one.
 """
@@ -26,7 +26,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         The exit status: 0 if all trials are done and reported, 1 after a one-line error, 130 after
         Ctrl-C.
     """
-    program = "evaluate.py"
+    program = "./applr evaluate"
     return run_main(lambda: run(parsed(EvaluationOptions, program, __doc__, arguments)), program)
 
 
@@ -42,8 +42,11 @@ def run(options: EvaluationOptions) -> None:
         print(f"{counted(len(read_trials(table_path)), 'trial')} in {table_path}")
         if options.report:
             # Imported here, because pandas and scipy take seconds, which --help must not wait for.
-            from training.evaluate.report import write
+            from training.evaluate.report import headline, summary, write
+            from training.evaluate.stored import Results
 
+            results = Results(options.out)
+            print("\n".join(summary(results) or [headline(results)]))
             print(f"report: {write(options.out)}")
 
 

@@ -1,6 +1,6 @@
 """The page drives.html: the drives of all methods in one map, world by world.
 
-The page draws the traces that evaluate.py kept, thinned to five poses per second
+The page draws the traces that ./applr evaluate kept, thinned to five poses per second
 (applr_ros1/drives/page.py).
 """
 

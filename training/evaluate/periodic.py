@@ -18,8 +18,8 @@ from training.evaluate.trial import BASELINE, POLICY, Result, Trial, plan_trials
 from training.workers.pool import Pool
 
 THETA0 = -1  # number of the round that drives the default parameters
-# Offset of the seeds of trials that select a policy, above all seeds of evaluate.py: an evaluation
-# with the seeds of the selection would find the selected policy too good.
+# Offset of the seeds of trials that select a policy, above all seeds of ./applr evaluate: an
+# evaluation with the seeds of the selection would find the selected policy too good.
 CHOOSING = 2**31
 
 
@@ -31,7 +31,7 @@ class PeriodicEvaluation:
             trials.
         worlds: [(name, specification), ...] of the held-out worlds; if empty, no round is ever due.
         every: Number of steps between two rounds.
-        seed: Seed of the run. The trials have other seeds than all trials of evaluate.py.
+        seed: Seed of the run. The trials have other seeds than all trials of ./applr evaluate.
 
     Attributes:
         history: Summaries of all rounds so far.

@@ -62,7 +62,9 @@ class Results:
         self.folder = Path(folder)
         trials = read_trials(self.folder / TRIALS)
         if trials.empty:
-            raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
+            raise ApplrError(
+                f"{self.folder} holds no trials: give a folder that ./applr evaluate wrote"
+            )
         settings_file = self.folder / SETTINGS
         with reading(settings_file):
             self.settings = dict(read_json(settings_file))

@@ -104,7 +104,7 @@ class TrialTable:
         problem = difference(self.folder, {**OLDER, **self.notes}, as_json)
         if problem:
             raise ApplrError(problem)
-        self._lock = Lock(self.folder, "evaluate.py")
+        self._lock = Lock(self.folder, "./applr evaluate")
         self._results: Dict[Any, Result] = {}
         for row in read_trials(self.folder / TRIALS).itertuples(index=False, name=None):
             self._results[row[: len(KEY)]] = Result(*row[len(KEY) :])

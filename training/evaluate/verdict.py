@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
+from applr_ros1.drives.drive import FLIPPED
+from training.common.words import counted
 from training.evaluate.compare import LEVEL, Comparison, compare, corrected
 from training.evaluate.score import SECONDS_RULE, TrialCost, mean_scores, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
@@ -62,8 +64,8 @@ def paired_trials(
 def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> ComparisonVerdict:
     """Compare methods with the robot's default parameters.
 
-    The verdict is BASELINE unless another method is significantly better on average and not worse
-    in its worst tenth of the worlds.
+    The verdict is BASELINE unless another method is significantly better on average, falls over no
+    more often, and is not worse in its worst tenth of the worlds.
 
     Args:
         trials: Trials of at least one course, from paired_trials().
@@ -79,10 +81,16 @@ def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> ComparisonVerdict
     better = []
     for method in rivals:
         comparison = compare(scores[method], scores[BASELINE])
-        creeps = bool(worst[method] > worst[BASELINE])
-        if comparison.better(level) and not creeps:
+        flaw = ""
+        fall_count = falls(trials, method)
+        if fall_count > falls(trials, BASELINE):
+            remedy = "lower base.max_speed in robot.yaml to what the base bears"
+            flaw = f"it falls over in {counted(fall_count, 'drive')}: {remedy}"
+        elif worst[method] > worst[BASELINE]:
+            flaw = "its worst tenth is worse"
+        if comparison.better(level) and not flaw:
             better.append(method)
-        lines.append(compared(trials, method, BASELINE, comparison, level, creeps))
+        lines.append(compared(trials, method, BASELINE, comparison, level, flaw))
     lines.append(
         "time to yaw acceleration: means over the drives in which all methods arrive; "
         f"p: paired sign-flip permutation test of the cost; {rule}"
@@ -172,7 +180,7 @@ def compared(
     other: str,
     comparison: Comparison,
     level: float = LEVEL,
-    creeps: bool = False,
+    flaw: str = "",
 ) -> str:
     """Return a line on whether a method is better than another.
 
@@ -184,10 +192,9 @@ def compared(
         other: Method that it is compared with.
         comparison: Test of their costs.
         level: Significance level, below which the test decides.
-        creeps: Whether the method is worse in its worst tenth of the worlds, and therefore not
-            better.
+        flaw: Why the method is not better in spite of the test, in words.
     """
-    is_better = comparison.better(level) and not creeps
+    is_better = comparison.better(level) and not flaw
     arrivals = arrivals_of(trials, method, other)
     findings = [
         f"{method} better: {'yes' if is_better else 'no'}, "
@@ -203,9 +210,14 @@ def compared(
         findings.append(f"p = {comparison.p:.2g}")
     else:
         findings.append(f"p = {comparison.p:.2g}: too few courses to tell")
-    if creeps:
-        findings.append("its worst tenth is worse")
+    if flaw:
+        findings.append(flaw)
     return "; ".join(findings)
+
+
+def falls(trials: pd.DataFrame, method: str) -> int:
+    """Return the number of drives of a method in which the robot falls over."""
+    return int((trials.reason[trials.method == method] == FLIPPED).sum())
 
 
 def failures(trials: pd.DataFrame, method: str) -> str:

@@ -123,7 +123,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     return [
         *lines,
         "then:",
-        f"  ./applr exec python -m training.robot.check {options.out}",
+        f"  ./applr check {options.out}",
         f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa",
         f"  ./applr tune {options.out}",
     ]

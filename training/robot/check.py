@@ -1,10 +1,11 @@
 """Checks the description of a robot, summarises it, and drives the robot on open floor.
 
-Run it as `rosrun applr_ros1 check_robot.py` or `python -m training.robot.check`. Lines that begin
-with "error" report values with which the robot cannot drive, lines that begin with "remark" report
-values that impair driving or have no effect. Each line has the name of a field, its value and the
-remedy. If the robot does not drive on open floor with its default parameters, the last lines give
-the reason and the remedy. docs/tutorials/your_robot.md explains how to write a description.
+Run it as `./applr check`, `rosrun applr_ros1 check_robot.py` or `python -m training.robot.check`.
+Lines that begin with "error" report values with which the robot cannot drive, lines that begin with
+"remark" report values that impair driving or have no effect. Each line has the name of a field, its
+value and the remedy. If the robot does not drive on open floor with its default parameters, the
+last lines give the reason and the remedy. docs/tutorials/your_robot.md explains how to write a
+description.
 """
 
 from __future__ import annotations
@@ -121,7 +122,7 @@ class CheckOptions(Options):
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if the robot drives on open floor, else 1."""
-    name = "check_robot.py"
+    name = "./applr check"
 
     def run() -> int:
         options = parsed(CheckOptions, name, __doc__, arguments)

@@ -1,4 +1,4 @@
-"""Test drives on open floor, at the end of check_robot.py and at the beginning of ./applr tune.
+"""Test drives on open floor, at the end of ./applr check and at the beginning of ./applr tune.
 
 Four courses are driven with planner and collision monitor, each until move_base reports that its
 goal is reached: straight on, a turn on the spot, around a box, and through a door. If a course

@@ -1,4 +1,6 @@
-"""Trains a policy with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
+"""Trains a policy with one command: `./applr train`.
+
+`rosrun applr_ros1 train.py` and `python -m training.train` are the same.
 
 Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture).
 Offline, the learner learns from a dataset. See docs/howto/training.md for the command, and
@@ -31,7 +33,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
             return several.train(config, TrainingRun)
         return TrainingRun(config).run()
 
-    return run_main(run, "train.py")
+    return run_main(run, "./applr train")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
@@ -42,7 +42,7 @@ class DatasetOptions(BagOptions):
         "Progress [m] towards the goal at which a course counts as finished, for example 5.925 on "
         "the paper's course. By default, the result of move_base decides.", ge=-1e6, le=1e6)
     recipe: str = option("",
-        f"Recipe that gives the robot, the observation and the reward, as in train.py: "
+        f"Recipe that gives the robot, the observation and the reward, as in ./applr train: "
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
         "Namespace of move_base in the bags, whose goals are read.")
@@ -103,12 +103,12 @@ def run(options: DatasetOptions) -> None:
             skipped[str(error).partition(": ")[2]] += 1
         all_episodes += episodes
         all_skipped += skipped
-        count = sum(map(len, episodes))
+        count, stood = _size(episodes)
         rows.append(
             {"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped}
         )
         reasons = "".join(f"; skipped {times}: {why}" for why, times in sorted(skipped.items()))
-        print(f"{bag}: {count} transitions in {len(episodes)} episodes{reasons}")
+        print(f"{bag}: {count} transitions in {len(episodes)} episodes, {stood}{reasons}")
     if not all_episodes:
         raise BagError("no transition is usable: see the reasons above")
     if len(periods) > 1:
@@ -118,13 +118,20 @@ def run(options: DatasetOptions) -> None:
         )
     (only_period,) = periods or {PERIOD}
 
-    # Settings that train.py compares with its options (dataset_of in learner/prepare.py)
+    # Settings that ./applr train compares with its options (dataset_of in learner/prepare.py)
     about: Dict[str, Any] = {"bags": rows, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
     about["decision_period"] = round(only_period, 3)
     dataset.write(make_folder(folder), layout, all_episodes, about)
-    count = sum(map(len, all_episodes))
-    print(f"{options.out}: {dataset.describe(count, count * only_period)}")
+    count, stood = _size(all_episodes)
+    print(f"{options.out}: {stood}; {dataset.describe(count, count * only_period)}")
+
+
+def _size(episodes: Sequence[Trajectory]) -> Tuple[int, str]:
+    """Return the number of transitions, and in words in how many of them the robot stood."""
+    count = sum(map(len, episodes))
+    stood = sum(episode.info["stood"] for episode in episodes)
+    return count, f"the robot stood in {100 * stood / max(count, 1):.0f} % of the transitions"
 
 
 if __name__ == "__main__":

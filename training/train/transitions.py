@@ -7,6 +7,7 @@ learning environment. The outcome follows from the action's status, the odometry
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
@@ -36,6 +37,7 @@ COLUMNS = ("scans", "odometry", "goals", "decisions", "ends", "contacts")
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
 # Movement between two poses that counts as a jump, in addition to that at FASTEST_M_S [m]
 JUMP_M = 0.3
+STOOD_M = 0.02  # distance between two decisions below which the robot stood [m]
 
 
 class Skipped(ApplrError):
@@ -383,9 +385,13 @@ def _usable_runs(
 
 
 def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Trajectory:
-    """Return the transitions between the states of a run."""
+    """Return the transitions between the states of a run.
+
+    The info has the number of those in which the robot "stood" or only turned on the spot.
+    """
     actions = []
     rewards = []
+    stood = 0
     outcome = run[0].outcome
     for before, after in zip(run, run[1:]):
         actions.append(encoding.action(before.theta))
@@ -394,6 +400,8 @@ def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Traject
         limit = max(Rules().periods(encoding.period), outcome.decisions)
         total_reward, _ = reward(outcome, limit, encoding.period, encoding)
         rewards.append(total_reward)
+        stood += math.dist(before.moment.place, after.moment.place) < STOOD_M
     observations = [state.observation for state in run]
     terminated = outcome.success or failed(outcome)
-    return Trajectory.of(TransitionLayout.of(encoding), observations, actions, rewards, terminated)
+    layout = TransitionLayout.of(encoding)
+    return Trajectory.of(layout, observations, actions, rewards, terminated, {"stood": stood})

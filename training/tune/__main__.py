@@ -9,7 +9,8 @@ parameter set and with the defects of the C++ move_base, without the collision m
 is judged twice on courses that the search did not use: without the monitor for ROBOT/tuned.yaml,
 which any move_base loads, and with the monitor for ROBOT/static.json, which the applr node uses. A
 file is written only if its verdict is clearly better, and the exit status is 0 only if a file is
-written. The same command continues a stopped run.
+written. The minutes are those of the search; the verdicts take some more. The same command
+continues a stopped run.
 """
 
 from __future__ import annotations
@@ -34,7 +35,15 @@ from training.robot import open_floor
 from training.robot.open_floor import show
 from training.tune.best_set import best_set, drives_of, search_space, warm_starts
 from training.tune.clock import SearchClock
-from training.tune.found_set import NEXT, Judgement, changes, judged, scope, write_set
+from training.tune.found_set import (
+    NEXT,
+    ONLY_WITH_MONITOR,
+    Judgement,
+    changes,
+    judged,
+    scope,
+    write_set,
+)
 from training.tune.options import TuneOptions, check_maps, split
 
 # files, each judged with or without the collision monitor
@@ -62,6 +71,9 @@ def run(options: TuneOptions) -> int:
     show("\n".join(lines))
     if not (drives_there or options.anyway):
         return 1
+
+    verdict_drives = 2 * len(JUDGED) * len(unseen_worlds)
+    show(f"{options.minutes:g} min of search, then {verdict_drives} drives for the two verdicts")
 
     # A table belongs to everything on which the drives of the search depend.
     starts = warm_starts(robot)
@@ -104,27 +116,30 @@ def run(options: TuneOptions) -> int:
 
         # Each verdict drives its own courses, which takes minutes.
         judgements = []
-        for file_name, _ in JUDGED:
-            judgements.append(judge(options, unseen, drives, file_name))
-        is_written = any(judgement.is_better for judgement in judgements)
+        for file_name, monitor in JUDGED:
+            judgements.append(judge(options, unseen, drives, file_name, monitor))
+        for_any_move_base, with_monitor = judgements
+        is_written = for_any_move_base.is_better or with_monitor.is_better
         if not is_written:
             show(NEXT)
+        elif not for_any_move_base.is_better:
+            show(ONLY_WITH_MONITOR)
         rule = AIMS[options.for_].rule
         show(f"page: {page.write(robot, drives, changed, judgements, context, rule)}")
     return 0 if is_written else 1
 
 
-def judge(options: TuneOptions, unseen: str, drives: Path, file: str) -> Judgement:
+def judge(options: TuneOptions, unseen: str, drives: Path, file: str, monitor: str) -> Judgement:
     """Judge the set in `drives`, and write the file if it is better.
 
     Args:
         options: Options of the command.
         unseen: Worlds that the search did not use.
         drives: Folder with the parameter set.
-        file: Name of the file, one of JUDGED.
+        file: Name of the file.
+        monitor: "with" or "without" the collision monitor.
     """
     robot = options.robot
-    monitor = dict(JUDGED)[file]
     judged_set = judged(options, unseen, drives, monitor)
     is_better = judged_set.method == SET
     if is_better:

@@ -46,12 +46,12 @@ from training.tune.search import (
 )
 from training.workers.pool import Pool
 
-# Ends of the stages as shares of the time. The verdicts take the rest. The kinematic simulator
-# takes less time for a drive, so that the search begins in it.
-COARSE_SHARE = 0.25  # search in the kinematic simulator
-SEARCH_SHARE = 0.62  # search in pybullet
-RACE_SHARE = 0.74  # race of the best parameter sets
-PRUNE_SHARE = 0.86  # pruning
+# Ends of the stages as shares of the time of the search. The kinematic simulator takes less time
+# for a drive, so that the search begins in it.
+COARSE_SHARE = 0.29  # search in the kinematic simulator
+SEARCH_SHARE = 0.72  # search in pybullet
+RACE_SHARE = 0.86  # race of the best parameter sets
+PRUNE_SHARE = 1.0  # pruning
 # Arguments of search(), which explains them.
 SEARCH: Dict[str, Any] = {
     "sigma": 0.3,

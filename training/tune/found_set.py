@@ -37,6 +37,12 @@ NEXT = (
     "The same command only prints this answer again: give a longer --minutes, which continues the "
     "search, or another --seed, which begins a new one."
 )
+# Why there is no tuned.yaml beside a static.json, and what to do
+ONLY_WITH_MONITOR = (
+    "There is no tuned.yaml for your own move_base alone, because the set is not clearly better "
+    "without the collision monitor: start jackal_applr.launch with move_base:=cpp, which adds the "
+    "monitor and static.json to your move_base, or give a longer --minutes."
+)
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
 # The distance biases below are per {unit}.

@@ -90,7 +90,7 @@ def plan_sets(
     """Return the trials of each of `sets` (k, n) in the worlds of a block.
 
     In a world, all sets have the same seed. Trials are named after set and simulator. Their seeds
-    differ from those of evaluate.py.
+    differ from those of ./applr evaluate.
     """
     plan = []
     for values in sets:

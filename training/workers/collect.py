@@ -1,4 +1,4 @@
-"""Task of an actor process: a training episode with exploration noise, submitted by train.py."""
+"""Task of an actor process: a training episode with exploration noise, submitted by a training."""
 
 from __future__ import annotations
 

@@ -264,7 +264,9 @@ class ApplrNode:
 
     def _note_trouble(self, line: str) -> None:
         """Store the present problem, or "" for none, and log it if it is new."""
-        if line and line != self.trouble:
+        # At shutdown, a move_base that ends first does not answer any more, which is no problem.
+        is_ending = rospy.core.is_shutdown_requested()
+        if line and line != self.trouble and not is_ending:
             rospy.logwarn(f"applr: {line}")
         self.trouble = line
 

@@ -38,6 +38,7 @@ RATE_HZ = 10.0  # frame rate while a page is open, in wall time [Hz]
 IDLE_S = 0.2  # interval between checks for an open page [s]
 HOST = "127.0.0.1"
 LEGEND = look.legend(
+    ("square", "brand", "robot, with an arrow to its front"),
     ("square", "obstacle", "obstacle of the simulator"),
     ("", "mover", "moving obstacle"),
     ("", "slow", "scan"),
@@ -49,7 +50,8 @@ LEGEND = look.legend(
     ("", "goal", "goal"),
     ("", "bad", "last stop"),
 )
-HINT = "Cancel all goals (key S). A click on the ground sets a goal."
+CLICK = "a click on the ground is the next goal"
+HINT = "Cancel all goals (key S)."
 STARTS = "starting: the first start on a computer compiles code, which takes about a minute"
 
 
@@ -96,7 +98,7 @@ class Viewer:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self.panel = panel.Panel(gui, robot, self.listener, self.report)
-        with tabs.add_tab("View"):
+        with tabs.add_tab("Legend and view"):
             gui.add_html(LEGEND)
             for layer_name, layer in self.scene.layers.items():
                 checkbox = gui.add_checkbox(layer_name, layer.visible)
@@ -182,6 +184,8 @@ class Viewer:
         notes = [f"parameters by {self.panel.source}"]
         if is_driving:  # Without commands, the monitor always reports a stop.
             notes.append(self.panel.monitor())
+        else:
+            notes.append(CLICK)
         if not self._is_ready:
             notes.append(STARTS)
 

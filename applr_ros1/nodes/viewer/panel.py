@@ -90,6 +90,8 @@ class Panel:
         parameter_name = space.names[i]
         declared = declaration(self._robot, parameter_name)
         title = f"{parameter_name} [{declared.unit}]" if declared.unit else parameter_name
+        # The page moves a number that is typed into this range.
+        title += f"\n{space.low[i]:g} to {space.high[i]:g}"
 
         # viser shows decimals unless all numbers of a slider are integers.
         is_integer = space.integer[i]

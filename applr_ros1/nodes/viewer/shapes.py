@@ -18,6 +18,8 @@ from .look import CHEAP, DEAR
 
 RUBBER = (40, 40, 45)  # colour of the wheels
 BLACK = (20, 20, 25)  # colour of the laser
+WHITE = (255, 255, 255)  # colour of the arrow to the front
+ABOVE_M = 0.005  # height of the arrow above the body [m]
 PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 
 
@@ -74,7 +76,7 @@ class Lines:
 
 
 class Model:
-    """Model of the robot from its description: body, wheels and laser."""
+    """Model of the robot from its description: body with an arrow to its front, wheels, laser."""
 
     def __init__(self, scene: Any, name: str, robot: Robot, colour: Tuple[int, int, int]):
         base = robot.base
@@ -98,6 +100,17 @@ class Model:
             )
         else:
             scene.add_box(body_name, color=colour, dimensions=body.size, position=body_middle)
+
+        # The arrow covers the body, because a laser may stand in its middle.
+        arrow = np.array([(0.5, 0.0, 0.0), (-0.4, 0.4, 0.0), (-0.4, -0.4, 0.0)])
+        scene.add_mesh_simple(
+            f"{name}/front",
+            arrow * (length, width, 0.0),
+            np.array([(0, 1, 2)]),
+            color=WHITE,
+            side="double",
+            position=(*body.centre, body.bottom + body_height + ABOVE_M),
+        )
 
         turn_to_y = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # turns a cylinder's axis from z to y
         for number, (x, y) in enumerate(wheel_places(base)):

@@ -68,6 +68,7 @@ class Drive:
 
     Args:
         without: Topics that are not written.
+        stands_from: Step from which the robot stays in its place.
         scan: scan(ranges, k) returns the scan to write in step k, or None for no scan.
         after: after(drive, t, k) is called after each step.
         recorded: recorded(number, seen) returns the inputs to write in a decision.
@@ -89,6 +90,7 @@ class Drive:
         without=(),
         goal="g",
         every=100,
+        stands_from=1000,
         scan=lambda ranges, k: ranges,
         after=lambda drive, t, k: None,
         recorded=lambda number, seen: seen,
@@ -97,6 +99,7 @@ class Drive:
         self.goal = goal
         self.without = without
         self.every = every
+        self.stands_from = stands_from
         self.scan = scan
         self.recorded = recorded
         self.rng = np.random.default_rng(seed)
@@ -120,8 +123,8 @@ class Drive:
         # The status comes at 5 Hz, as from move_base.
         if k % 10 == 0 and "status" not in self.without:
             self.writer.status(t, self.goal)
-        # 0.5 m/s along x; the heading swings.
-        self.pose = (0.01 * k, 0.1, 0.2 * np.sin(0.01 * k))
+        # 0.5 m/s along x, up to a step; the heading swings.
+        self.pose = (0.01 * min(k, self.stands_from), 0.1, 0.2 * np.sin(0.01 * k))
         if "odometry" not in self.without:
             self.writer.odometry(t, self.pose, (0.5, 0.0))
         # Random ranges: an observation with a scan of another step would differ.
@@ -339,6 +342,15 @@ def test_transitions_equal_the_nodes_observations_and_decisions(bag_path):
     r_c = -0.05 / nearest_ranges
     # Stored ranges are exact to half a step only.
     np.testing.assert_allclose(trajectory.reward, r_f + r_p + r_c, atol=0.02)
+
+
+def test_a_dataset_says_in_how_much_of_it_the_robot_stood(tmp_path, bag_path, capsys):
+    record(bag_path, stands_from=200)  # a decision each 100 steps, four and a half of them
+    assert bags_to_dataset.main([str(bag_path), "--out", str(tmp_path / "data")]) == 0
+    bag_line, dataset_line = capsys.readouterr().out.splitlines()
+    stood = "the robot stood in 60 % of the transitions"
+    assert bag_line == f"{bag_path}: 5 transitions in 1 episodes, {stood}"
+    assert dataset_line.startswith(f"{tmp_path}/data: {stood}; 5 transitions in ")
 
 
 def test_a_decision_was_made_at_its_recorded_pose(bag_path):
@@ -686,8 +698,9 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     assert source["decision_period"] == 2.0
     assert dataset.transitions == 5
     assert bags.pop("whole.bag")["transitions"] == 5
-    few = "5 transitions in 0.0028 h of driving; train.py needs at least 200"
-    assert few in capsys.readouterr().out
+    few = "5 transitions in 0.0028 h of driving; ./applr train needs at least 200"
+    printed = capsys.readouterr().out
+    assert f"the robot stood in 0 % of the transitions; {few}" in printed
     assert bags.keys() == reasons.keys()
     for bag_name, reason in reasons.items():
         skipped = bags[bag_name]["skipped"]

@@ -84,7 +84,7 @@ def refused(run, capsys):
         capsys.readouterr()
         assert run(arguments) == 1
         printed = capsys.readouterr().err
-        error_lines = lines_with(printed, "evaluate.py: ")
+        error_lines = lines_with(printed, "./applr evaluate: ")
         assert len(error_lines) == 1, printed
         assert "Traceback" not in printed, printed
         for word in words:
@@ -260,6 +260,18 @@ def test_more_trials_only_append(tmp_path, run, refused):
     refused(command(tmp_path, "--loaded"), "--planner ours, not --planner ours --loaded")
 
 
+def test_the_result_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("TOY_SECONDS", "0")
+    monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
+    for chosen, line in (
+        ("dwa", "dwa alone was driven.\n"),
+        ("dwa,random", "\nrandom better: "),
+    ):
+        worlds = ["--worlds", "generated:0-5", "--trials", "1", "--workers", "0"]
+        assert evaluate.main([*worlds, "--methods", chosen, "--out", str(tmp_path / chosen)]) == 0
+        assert line in capsys.readouterr().out
+
+
 def test_the_number_of_trials_is_that_of_the_table(tmp_path, run, capsys):
     few = {"worlds": "generated:0", "chosen": "dwa"}
     for trial_count, printed in ((1, "1 trial"), (2, "2 trials"), (1, "2 trials")):
@@ -344,7 +356,7 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     assert evaluate.main([*usual_options, *arguments]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert error.startswith("evaluate.py: ")
+    assert error.startswith("./applr evaluate: ")
     for word in words:
         assert word in error, error
     assert not (tmp_path / "o" / "trials.csv").exists()

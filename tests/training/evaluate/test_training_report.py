@@ -16,7 +16,7 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
 from tests.support.runs import SETTINGS
-from training.evaluate import report, tables
+from training.evaluate import paper, report, tables
 from training.evaluate.compare import (
     LEVEL,
     Comparison,
@@ -316,6 +316,15 @@ def test_table_4_names_failures(results):
     succeeds_always = table.rows.successes.str.startswith("6")
     assert (names_failures != succeeds_always).all()
     assert table.rows["paper [s]"][0].startswith("72.8")
+
+
+def test_the_papers_columns_are_for_the_papers_robot(folder):
+    results = Results(folder)
+    results.robot = {**results.robot, "name": "pioneer"}
+    for make in (tables.table_1, tables.table_2, tables.table_3, tables.table_4):
+        table = make(results)
+        assert not table.rows.columns.str.contains("paper|decisions").any()
+        assert not {paper.UNIT, f"(*) {paper.SWAP_SLIP}"} & set(table.notes)
 
 
 def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):

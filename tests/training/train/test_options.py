@@ -30,7 +30,7 @@ from training.train.td3.td3 import ACTOR_LR, TAU
         (["--worlds", "generated:900"], "generated:900"),
         (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a range"),
         (["--planner", "theirs"], "argument --planner: invalid choice: 'theirs'"),
-        (["--dataset", "/nowhere"], "/nowhere/data/metadata.json: cannot be read"),
+        (["--dataset", "/nowhere"], "/nowhere: no dataset there"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--recipe", "offline"], "learns offline: give a --dataset"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),

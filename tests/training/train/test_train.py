@@ -328,7 +328,7 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
         arguments = ["--resume", "--out", whole, option, value]
         one_line(capsys, arguments, f"{option}: .* cannot be changed")
     busy_run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
-    one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
+    one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another ./applr train works")
     busy_run.lock.close()
     assert networks_of(whole) == networks_before
 
@@ -344,9 +344,7 @@ def test_a_pickle_in_a_checkpoint_is_not_executed(whole, tmp_path, capsys, monke
     monkeypatch.chdir(tmp_path)
     shutil.copytree(whole, tmp_path / "copy")
     torch.save(Bomb(), tmp_path / "copy" / Learner.saved(whole)["learner"])
-    one_line(
-        capsys, ["--resume", "--out", "copy"], r"learner-.*: cannot be read \(UnpicklingError\)"
-    )
+    one_line(capsys, ["--resume", "--out", "copy"], r"learner-.*: cannot be read; ")
     assert not (tmp_path / "executed").exists()
 
 

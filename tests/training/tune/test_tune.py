@@ -138,6 +138,14 @@ def better_with_monitor(settings, task):
     return toy(settings, task, 12.0 if settings.monitor or task.theta else 0.0)
 
 
+def falls_with_monitor(settings, task):
+    """Return results that are better but for a fall with the monitor."""
+    result, trace = toy(settings, task)
+    if settings.monitor and task.method == "static" and task.world == "generated:20":
+        result = replace(result, success=False, reason="flipped")
+    return result, trace
+
+
 def none_arrives(settings, task):
     """Return results of drives that all end with the time limit."""
     result, trace = toy(settings, task)
@@ -199,6 +207,8 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
     assert tune(jackal, "toy", "--minutes", "12") == 0
     printed = capsys.readouterr().out
+    # Two parameter sets are judged twice on 12 courses.
+    assert "\n12 min of search, then 48 drives for the two verdicts\n" in printed
     # Progress lines count down.
     left_counts = re.findall(r"^reverting .*: (\d+) left$", printed, re.MULTILINE)
     assert left_counts
@@ -343,13 +353,21 @@ def test_out_must_be_a_folder(jackal, capsys):
 
 @pytest.mark.parametrize(
     ("runner", "files"),
-    [("better_without_monitor", {"tuned.yaml"}), ("better_with_monitor", {"static.json"})],
+    [
+        ("better_without_monitor", {"tuned.yaml"}),
+        ("better_with_monitor", {"static.json"}),
+        ("falls_with_monitor", {"tuned.yaml"}),
+    ],
 )
 def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(
-    runner, files, jackal
+    runner, files, jackal, capsys
 ):
     files_before = set(jackal.iterdir())
     assert tune(jackal, runner) == 0
+    printed = capsys.readouterr().out
+    assert (found_set.ONLY_WITH_MONITOR in printed) == (files == {"static.json"})
+    fall = "; it falls over in 1 drive: lower base.max_speed in robot.yaml"
+    assert (fall in printed) == (runner == "falls_with_monitor")
     new_files = set(jackal.iterdir()) - files_before
     assert {file.name for file in new_files} == files
     judged_with_monitor = []

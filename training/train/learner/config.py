@@ -1,4 +1,4 @@
-"""Options of train.py: groups, the command line, recipes, and the stored options of a run.
+"""Options of ./applr train: groups, the command line, recipes, and the stored options of a run.
 
 Defaults are the paper's. If the paper gives no value, they are those of its authors' code.
 train/td3/td3.py and docs/explanation/learning_problem.md list deviations.
@@ -404,7 +404,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     Raises:
         ApplrError: An option is invalid.
     """
-    explicit = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
+    explicit = command_line.given(TrainConfig, "./applr train", ABOUT, arguments)
     if explicit.get("resume"):
         return _resumed(explicit)
     config = checked(TrainConfig, {**recipe(explicit.get("recipe", "")), **explicit})

@@ -1,6 +1,6 @@
 """Learner: adds trajectories to the replay buffer and makes the gradient steps that are due.
 
-train.py runs one learner. A killed run continues from its last checkpoint.
+./applr train runs one learner. A killed run continues from its last checkpoint.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from applr_ros1.drives.end_rules import TIME_LIMIT
 from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.stack.simulated import CONTROL_PERIOD
+from training.common.command_line import robot_name
 from training.common.folders import Lock
 from training.common.provenance import provenance, without_folders
 from training.env.trajectory import Trajectory
@@ -32,6 +33,7 @@ from training.evaluate.periodic import THETA0, PeriodicEvaluation
 from training.evaluate.trial import Result, Trial
 from training.train.learner.config import PROVENANCE, TrainConfig
 from training.train.learner.prepare import dataset_of, prepare
+from training.train.learner.several import VERDICT
 from training.train.replay.dataset import describe as describe_dataset
 from training.workers.calls import CallFailed
 from training.workers.collect import Collect
@@ -206,7 +208,19 @@ class TrainingRun:
         print(f"{end} after {transitions} and {updates}, {duration}; {self.folder}")
         if self.evaluation.best:
             print(f"best policy: {describe(self.evaluation.best)}")
+        # Several seeds are judged together.
+        if self.config.seeds == 1:
+            robot = robot_name(self.config.robot)
+            print(
+                f"to judge the policy: ./applr evaluate --robot {robot} --methods dwa,"
+                f"{self.policy_file} --worlds {VERDICT} --trials 1 --monitor --out DIR"
+            )
         return status
+
+    @property
+    def policy_file(self) -> Path:
+        """File of the best policy, or of the latest one if no evaluation has chosen one."""
+        return self.folder / ("best.safetensors" if self.evaluation.best else "actor.safetensors")
 
     def _signal(self, number: int, frame: Any) -> None:
         """Ask the run to stop after the current step.

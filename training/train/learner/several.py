@@ -1,4 +1,4 @@
-"""Trainings with several seeds, whose best policy is kept: `train.py --seeds 3`.
+"""Trainings with several seeds, whose best policy is kept: `./applr train --seeds 3`.
 
 The result of a training depends on its seed. Runs with several seeds share the time or a dataset,
 and their best policies drive the same fresh courses. The policy with the lowest mean score is
@@ -73,9 +73,7 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
         status = int(training_run.run())
         if status:
             return status
-        # Without evaluations, there is no best policy, only the latest one.
-        policy_file = "best.safetensors" if training_run.evaluation.best else "actor.safetensors"
-        policies.append(run_folder / policy_file)
+        policies.append(training_run.policy_file)
     print("\n".join(choose(config, out_folder, policies)))
     return 0
 

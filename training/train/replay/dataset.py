@@ -1,9 +1,9 @@
 """Datasets for offline training in Minari's format.
 
-`bags_to_dataset` writes them, and `train.py --dataset` reads them. Other libraries can read the
-datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads them with
-h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can name
-anything.
+`bags_to_dataset` writes them, and `./applr train --dataset` reads them. Other libraries can read
+the datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads them
+with h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can
+name anything.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, Dict, Iterator, Sequence
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import check_regular, read_json, reading
 from training.env.trajectory import Trajectory, TransitionLayout
 
@@ -88,7 +89,7 @@ def describe(transitions: int, seconds: float) -> str:
     """
     prospect = EXPECTATION
     if transitions < FEWEST_TRANSITIONS:
-        prospect = f"train.py needs at least {FEWEST_TRANSITIONS}, better those of an hour"
+        prospect = f"./applr train needs at least {FEWEST_TRANSITIONS}, better those of an hour"
     return f"{transitions} transitions in {seconds / 3600.0:.2g} h of driving; {prospect}"
 
 
@@ -100,10 +101,15 @@ class Dataset:
         layout: Layout of observations and actions.
         transitions: Number of transitions.
         rows: Number of observations, one more than transitions for each episode.
+
+    Raises:
+        ApplrError: There is no dataset, or it cannot be read.
     """
 
     def __init__(self, folder: os.PathLike[str] | str):
         self._folder = Path(folder) / DATA
+        if not self._folder.exists():
+            raise ApplrError(f"{folder}: no dataset there; give the --out of bags_to_dataset.py")
         with reading(self._folder / METADATA):
             self.about = read_json(self._folder / METADATA)
             self.layout = TransitionLayout(**self.about["layout"])
