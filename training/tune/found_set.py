@@ -150,7 +150,7 @@ def scope(
 def _nearest(worlds: Sequence[TrialWorld]) -> str:
     """Return in words how near [m] obstacles come to the middle of the reference paths.
 
-    A path need not lead through the middle of a passage, whose width check_robot reports.
+    A path need not lead through the middle of a passage, whose width ./applr check reports.
     """
     distances = [clearance(world, world.course.path).min() for _, _, world in worlds]
     return f"with obstacles {min(distances):.2f} to {max(distances):.2f} m beside the path"
