@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections import Counter
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,7 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.received import drive_from, received, sources_of
 from applr_ros1.robots import JACKAL, Robot
+from training.common.words import counted
 
 _LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
@@ -59,7 +61,7 @@ class OpenBag:
         topics: TopicNames = TopicNames(),
         columns: Optional[Collection[str]] = None,
     ) -> Drive:
-        """Read the drive.
+        """Read the drive. Messages that cannot be unpacked are left out, and logged by topic.
 
         Args:
             robot: Robot that drove.
@@ -69,15 +71,25 @@ class OpenBag:
         """
         sources = sources_of(self.types, topics, columns)
         messages = []
+        left_out: Counter[str] = Counter()
         for connection, recording_time, raw_message in self._recorded(sources):
-            message = received(
-                recording_time,
-                sources[connection.topic],
-                raw_message,
-                connection.digest,
-                partial(self._reader.deserialize, raw_message, connection.msgtype),
-            )
+            deserialized = partial(self._reader.deserialize, raw_message, connection.msgtype)
+            try:
+                message = received(
+                    recording_time,
+                    sources[connection.topic],
+                    raw_message,
+                    connection.digest,
+                    deserialized,
+                )
+            except Exception:
+                # Whatever fails on a message that was cut, the others are whole.
+                left_out[connection.topic] += 1
+                continue
             messages.append(message)
+        if left_out:
+            counts = [f"{counted(count, 'message')} on {topic}" for topic, count in left_out.items()]
+            _LOGGER.warning("%s: cut or damaged, left out: %s", self._name, ", ".join(counts))
         drive = drive_from(messages, robot)
         drive.name = self._name
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))
