@@ -13,14 +13,13 @@ from applr_ros1.why import events
 from applr_ros1.why.events import AT_GOAL, DriveLimits, Event
 from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_robot
 from applr_ros1.why.reasons import (
-    held,
+    blocked,
     jumping,
     late,
     no_plan,
     recovering,
     silent,
     silent_planner,
-    stopped,
     stuck,
     unmoved,
 )
@@ -35,7 +34,7 @@ LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are
 # A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
 FAST = 1.25
 # Reasons that are seen from outside the planner, causes before what follows from them.
-OUTSIDE = (silent, jumping, no_plan, silent_planner, held, stopped, unmoved, stuck, recovering)
+OUTSIDE = (silent, jumping, no_plan, silent_planner, blocked, unmoved, stuck, recovering)
 
 
 @dataclass
