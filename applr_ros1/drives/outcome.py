@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Sequence, Tuple
+from typing import Any, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Outcome:
         decision_min: Smallest range of all scans [m].
         contact: Whether the robot touched anything.
         seconds: Simulated duration [s]: the decision period, or less if the course ended.
-        success: Whether the robot has arrived.
+        success: Whether the robot has arrived, even if it has touched something (arrived_cleanly).
         flipped: Whether the robot lies on its side.
         collided: Whether the robot has touched anything.
         aborted: Whether the planner gave up, or stopped away from the goal.
@@ -182,6 +182,14 @@ def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> Non
     jerks = np.diff(acceleration) / intervals[1:]
     outcome.mean_jerk = float(np.abs(jerks).sum() / len(intervals))
     outcome.mean_turn = float(np.abs(yaw_acceleration).mean())
+
+
+def arrived_cleanly(has_arrived: Any, has_touched: Any) -> Any:
+    """Return whether trials (n,) or one arrived, and touched nothing on their way.
+
+    Choices between methods, parameter sets and policies count no other arrival.
+    """
+    return np.logical_and(has_arrived, np.logical_not(has_touched))
 
 
 def progress(
