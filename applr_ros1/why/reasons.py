@@ -33,8 +33,8 @@ DRIVES_TURN = 0.2
 PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
 # Share of a stretch in which the planner drives forward from which on only these commands count
 FORWARD_SHARE = 0.2
-# Share of the commanded motion that is blocked at least if this is a reason. The changes of direction
-# of a planner that hesitates are delayed for less.
+# Least share of the commanded motion that is a reason if it is blocked. The changes of direction of
+# a planner that hesitates are delayed for less.
 BLOCKED_SHARE = 0.3
 # A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
 HELD_M = 0.5

@@ -434,7 +434,7 @@ def test_causes_come_before_what_follows_from_them(stopped):
 
 
 def limited(drive, shares, verdicts=None):
-    """Return a drive of which these shares of the planner's commands reach the base, 20 ms later."""
+    """Return a drive of which shares of the planner's commands reach the base, 20 ms later."""
     planned = drive.planned
     passed_twists = np.broadcast_to(shares, len(planned))[:, None] * planned.twist
     commands = Commands(planned.time + 0.02, passed_twists)

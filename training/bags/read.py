@@ -88,8 +88,10 @@ class OpenBag:
                 continue
             messages.append(message)
         if left_out:
-            counts = [f"{counted(count, 'message')} on {topic}" for topic, count in left_out.items()]
-            _LOGGER.warning("%s: cut or damaged, left out: %s", self._name, ", ".join(counts))
+            counts = ", ".join(
+                f"{counted(count, 'message')} on {topic}" for topic, count in left_out.items()
+            )
+            _LOGGER.warning("%s: cut or damaged, left out: %s", self._name, counts)
         drive = drive_from(messages, robot)
         drive.name = self._name
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))

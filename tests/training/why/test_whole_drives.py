@@ -247,7 +247,7 @@ def test_a_robot_is_tried_with_obstacles_marked_two_seconds_ahead_or_as_far_as_i
     assert tried_ranges() == [5.0, 5.0]
     monkeypatch.setattr(methods, "obstacle_ranges", lambda robot: set())
     assert tried_ranges() == [4.0, 4.0]
-    # The Burger, which drives 0.22 m/s, sees far enough, and so does a Jackal whose sources have 5 m,
+    # The Burger, which drives 0.22 m/s, sees far enough. So does a Jackal whose sources have 5 m,
     # whatever the sections around them have.
     for robot in (BURGER, JACKAL.seeing(5.0)):
         for candidate in file_candidates(robot):
