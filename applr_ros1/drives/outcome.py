@@ -220,8 +220,9 @@ def nearest(ranges: np.ndarray, lowest: float) -> float:
 
     It is at least `lowest`: a range of -inf is too near to measure.
     """
-    # fmin skips NaN, the range of a beam that measures nothing. It is left only if all beams do so.
-    smallest = float(np.fmin.reduce(ranges))
+    # fmin skips NaN, the range of a beam that measures nothing. It is left only if all beams do so,
+    # or if there are none.
+    smallest = float(np.fmin.reduce(ranges, initial=np.nan))
     if math.isnan(smallest):
         return math.inf
     return max(lowest, smallest)

@@ -152,9 +152,6 @@ def _clearances(scans: Scans, robot: Robot) -> Clearances:
     smallest_ranges = []
     for scan_row in rows_by_stamp:
         ranges = scans.ranges[scan_row]
-        if not len(ranges):
-            smallest_ranges.append(np.inf)
-            continue
         # A laser without a range for no return may send 0 for it (as in Layout.resample).
         measured = np.where(ranges == 0.0, np.nan, ranges)
         smallest_ranges.append(nearest(measured, robot.laser.range_min))

@@ -201,7 +201,7 @@ def _blocked_of_commands(stretch: Stretch, planned: Commands, commands: Commands
         commands: Commands that reach the base in the whole drive.
     """
     seconds = durations(planned, stretch.end)
-    asks = np.abs(planned.twist) >= (DRIVES_SPEED, DRIVES_TURN)
+    asks = _asks_for_motion(planned.twist)
     asked_s = stretch.seconds
     drives_forward = planned.twist[:, 0] >= DRIVES_SPEED
     forward_s = float(seconds[drives_forward].sum())
@@ -237,7 +237,7 @@ def unmoved(stretch: Stretch) -> str:
     commands = stretch.part(drive.commands)
     if commands is None or drive.odometry is None:
         return ""
-    asks_for_motion = _asks_for_motion(commands.twist)
+    asks_for_motion = _asks_for_motion(commands.twist).any(axis=1)
     seconds = durations(commands, stretch.end)
     odometry_rows = latest_rows(drive.odometry, commands.time)
     speed, turn_rate = np.abs(drive.odometry.twist[odometry_rows]).T
@@ -275,10 +275,8 @@ def stuck(stretch: Stretch) -> str:
 
 
 def _asks_for_motion(twist: np.ndarray) -> np.ndarray:
-    """Return for commands (n, 2) whether they ask for motion."""
-    drives = np.abs(twist[:, 0]) >= DRIVES_SPEED
-    turns = np.abs(twist[:, 1]) >= DRIVES_TURN
-    asks_for_motion: np.ndarray = drives | turns
+    """Return for commands (n, 2) whether each of v and w asks for motion."""
+    asks_for_motion: np.ndarray = np.abs(twist) >= (DRIVES_SPEED, DRIVES_TURN)
     return asks_for_motion
 
 

@@ -23,7 +23,6 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.received import drive_from, received, sources_of
 from applr_ros1.robots import JACKAL, Robot
-from training.common.words import counted
 
 _LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
@@ -88,10 +87,8 @@ class OpenBag:
                 continue
             messages.append(message)
         if left_out:
-            counts = ", ".join(
-                f"{counted(count, 'message')} on {topic}" for topic, count in left_out.items()
-            )
-            _LOGGER.warning("%s: cut or damaged, left out: %s", self._name, counts)
+            counts = ", ".join(f"{count} on {topic}" for topic, count in left_out.items())
+            _LOGGER.warning("%s: cut or damaged messages left out: %s", self._name, counts)
         drive = drive_from(messages, robot)
         drive.name = self._name
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))

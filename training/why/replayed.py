@@ -62,10 +62,10 @@ def with_likely_robot(replay: Replay, watch: Watch = iter) -> Replay:
         replay = _better(replay, replay.robot.seeing(needed_range), note, watch)
     if replay.planner.name == TRAJECTORY:
         is_per_metre = replay.planner.start_values["meter_scoring"]
-        counted, otherwise = ("cell", "metre") if is_per_metre else ("metre", "cell")
+        other_unit = "cell" if is_per_metre else "metre"
         note = (
-            f"the distance biases count per {counted}, which C++ decides by chance: "
-            f"per {otherwise}, fewer commands are reproduced"
+            f"distance biases count per {other_unit}, as C++ leaves the unit to chance: "
+            "with the other unit, fewer commands are reproduced"
         )
         replay = _better(replay, with_meter_scoring(replay.robot, not is_per_metre), note, watch)
     return replay

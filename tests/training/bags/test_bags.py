@@ -667,8 +667,8 @@ def test_messages_that_are_cut_are_left_out_and_counted(tmp_path, caplog):
     assert len(read_back.planned) == len(drive.planned)
     (line,) = caplog.messages
     assert line == (
-        "cut.bag: cut or damaged, left out: 2 messages on /odometry/filtered, "
-        "1 message on /move_base/TrajectoryPlannerROS/global_plan, 1 message on /front/scan"
+        "cut.bag: cut or damaged messages left out: 2 on /odometry/filtered, "
+        "1 on /move_base/TrajectoryPlannerROS/global_plan, 1 on /front/scan"
     )
 
 

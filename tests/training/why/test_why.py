@@ -245,8 +245,8 @@ def test_a_drive_whose_distance_biases_count_per_metre_is_reproduced_with_this_u
     likely_replay = with_likely_robot(replay)
     assert likely_replay.reproduced == len(likely_replay.cycles)
     note = (
-        "the distance biases count per metre, which C++ decides by chance: "
-        "per cell, fewer commands are reproduced"
+        "distance biases count per metre, as C++ leaves the unit to chance: "
+        "with the other unit, fewer commands are reproduced"
     )
     assert likely_replay.drive.notes == [note]
     # The unit stays if nothing is gained by the other.
