@@ -455,8 +455,8 @@ LIMITED = np.arange(180) % 20 < 14
         pytest.param(0.51, None, id="more than half passes"),
         # The monitor still brakes a base that is to change its direction.
         pytest.param(-0.5, 100, id="another direction"),
-        # A base that brakes slower than commanded is not kept from driving.
-        pytest.param(1.5, None, id="more than commanded"),
+        # A base that brakes slower than commanded makes up for nothing.
+        pytest.param(np.where(LIMITED, 0.0, 1.5), 70, id="nothing, then more than commanded"),
     ],
 )
 def test_a_monitor_that_lets_less_than_half_of_the_commanded_motion_pass_is_the_reason(
@@ -554,6 +554,11 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     nothing = Commands(turns.planned.time, 0.0 * turns.planned.twist)
     words = "100 % of the commanded motion does not reach the base"
     assert reasons.blocked(stretch_of(replace(turns, commands=nothing))).startswith(words)
+
+    # Turns to either side all pass, if a little later.
+    alternating = np.where(np.arange(180) % 2, 1.0, -1.0)[:, None] * turns.planned.twist
+    swings = replace(turns, planned=Commands(turns.planned.time, alternating))
+    assert reasons.blocked(stretch_of(limited(swings, 1.0))) == ""
 
     # A base that turns on the spot as it is told follows.
     assert reasons.unmoved(stretch_of(with_commands((0.0, 0.4), measured=(0.0, 0.4)))) == ""
