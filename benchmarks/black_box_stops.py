@@ -116,7 +116,7 @@ PLANTED = (
     PlantedStop("no plan", r"the global planner finds no path", plant=_close_in),
     PlantedStop(
         "monitor holds",
-        r"the collision monitor (intervenes|lets nothing) .*obstacle",
+        r"the collision monitor blocks .*obstacle",
         # The costmaps do not see the wall.
         _of_costmaps(obstacles_layer__scan__obstacle_range=0.01),
         circles=ACROSS,

@@ -197,7 +197,7 @@ def boxes(grid: Grid) -> Array:
     changes = np.diff(runs, axis=0, prepend=-2)
     continues = (changes == (0, 0, 1)).all(axis=1)
     first_runs = np.flatnonzero(~continues)
-    last_runs = np.append(first_runs[1:], len(runs)) - 1
+    last_runs = np.append(first_runs, len(runs))[1:] - 1
     first_column, end_column, first_row = runs[first_runs].T
     end_row = runs[last_runs, 2] + 1
 

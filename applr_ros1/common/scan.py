@@ -92,6 +92,20 @@ class PointCloud:
 Observation = Union[LaserScan, SensorCloud]
 
 
+def measured_ranges(ranges: Any, no_return: Optional[float]) -> Array32:
+    """Return a copy of the ranges (n,) [m] of a laser in float32, +inf for no return.
+
+    Args:
+        ranges: Ranges as the driver publishes them.
+        no_return: Range that the driver publishes for no return besides +inf (Laser of
+            robot.yaml); None if there is none.
+    """
+    measured = np.array(ranges, dtype=np.float32)
+    if no_return is not None:
+        measured[measured == np.float32(no_return)] = np.inf
+    return measured
+
+
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
     """Return the PointCloud of an observation. inf_is_valid applies to laser scans only."""
     if isinstance(observation, SensorCloud):

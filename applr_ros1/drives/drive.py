@@ -135,7 +135,7 @@ class Scans(Rows):
         stamp: (n,) times of the scans [s].
         fan: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum
             range [m].
-        ranges: Unprocessed ranges (m,) float32 [m] of each scan.
+        ranges: Ranges (m,) float32 [m] of each scan; +inf means no return.
     """
 
     stamp: np.ndarray

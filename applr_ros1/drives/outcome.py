@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Sequence, Tuple
+from typing import Any, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Outcome:
         decision_min: Smallest range of all scans [m].
         contact: Whether the robot touched anything.
         seconds: Simulated duration [s]: the decision period, or less if the course ended.
-        success: Whether the robot has arrived.
+        success: Whether the robot has arrived, even if it has touched something (arrived_cleanly).
         flipped: Whether the robot lies on its side.
         collided: Whether the robot has touched anything.
         aborted: Whether the planner gave up, or stopped away from the goal.
@@ -184,6 +184,14 @@ def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> Non
     outcome.mean_turn = float(np.abs(yaw_acceleration).mean())
 
 
+def arrived_cleanly(has_arrived: Any, has_touched: Any) -> Any:
+    """Return whether trials (n,) or one arrived, and touched nothing on their way.
+
+    Choices between methods, parameter sets and policies count no other arrival.
+    """
+    return np.logical_and(has_arrived, np.logical_not(has_touched))
+
+
 def progress(
     goal: Sequence[float], start: Sequence[float], end: Sequence[float]
 ) -> Tuple[float, float]:
@@ -212,8 +220,9 @@ def nearest(ranges: np.ndarray, lowest: float) -> float:
 
     It is at least `lowest`: a range of -inf is too near to measure.
     """
-    # fmin skips NaN, the range of a beam that measures nothing. It is left only if all beams do so.
-    smallest = float(np.fmin.reduce(ranges))
+    # fmin skips NaN, the range of a beam that measures nothing. It is left only if all beams do so,
+    # or if there are none.
+    smallest = float(np.fmin.reduce(ranges, initial=np.nan))
     if math.isnan(smallest):
         return math.inf
     return max(lowest, smallest)

@@ -26,6 +26,7 @@ from typing import (
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.scan import measured_ranges
 from applr_ros1.drives import paths
 from applr_ros1.drives.bag import UnpackedRow, drive_of
 from applr_ros1.drives.columns import COLUMNS, SECOND, Row, TopicNames, column_of, topic_of
@@ -157,6 +158,9 @@ def drive_from(messages: Sequence[Received], robot: Robot) -> Drive:
     if robot_time.note:
         drive.notes.append(robot_time.note)
     if drive.scans is not None:
+        # A bag has the ranges as the laser's driver publishes them.
+        no_return = robot.laser.no_return
+        drive.scans.ranges = [measured_ranges(row, no_return) for row in drive.scans.ranges]
         drive.clearances = _clearances(drive.scans, robot)
     return drive
 
@@ -179,10 +183,7 @@ def _clearances(scans: Scans, robot: Robot) -> Clearances:
     smallest_ranges = []
     for scan_row in rows_by_stamp:
         ranges = scans.ranges[scan_row]
-        if not len(ranges):
-            smallest_ranges.append(np.inf)
-            continue
-        # Some lasers report 0 for beams without a return.
+        # A laser without a range for no return may send 0 for it (as in Layout.resample).
         measured = np.where(ranges == 0.0, np.nan, ranges)
         smallest_ranges.append(nearest(measured, robot.laser.range_min))
     return Clearances(scans.stamp[rows_by_stamp], np.array(smallest_ranges))

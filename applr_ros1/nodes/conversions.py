@@ -25,7 +25,7 @@ from std_msgs.msg import Header
 from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.messages import pose_of, twist_of
-from applr_ros1.common.scan import LaserScan, Point3D, SensorCloud
+from applr_ros1.common.scan import LaserScan, Point3D, SensorCloud, measured_ranges
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 # Names of the states of a goal by their number, such as {3: "succeeded"}.
@@ -148,11 +148,9 @@ def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
         problem = f"has angle_min, angle_increment, range_min, range_max = {geometry}"
         raise MessageError(f"{problem}: give finite numbers and an increment")
 
-    ranges = np.array(message.ranges, dtype=np.float32)
+    ranges = measured_ranges(message.ranges, no_return)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
-    if no_return is not None:
-        ranges[ranges == np.float32(no_return)] = np.inf
     return ranges
 
 

@@ -16,14 +16,13 @@ from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_ro
 from applr_ros1.why.occupied_goal import is_goal_occupied
 from applr_ros1.why.reasons import (
     NO_PATH,
-    held,
+    blocked,
     jumping,
     late,
     no_plan,
     recovering,
     silent,
     silent_planner,
-    stopped,
     stuck,
     unmoved,
 )
@@ -38,7 +37,7 @@ LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are
 # A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
 FAST = 1.25
 # Reasons that are seen from outside the planner, causes before what follows from them.
-OUTSIDE = (silent, jumping, no_plan, silent_planner, held, stopped, unmoved, stuck, recovering)
+OUTSIDE = (silent, jumping, no_plan, silent_planner, blocked, unmoved, stuck, recovering)
 OCCUPIED = ": the goal is occupied, or right behind an obstacle"
 # Reason of a wait at the goal that no tolerance explains
 NOT_ENDED = "move_base does not end its goal, although the robot is within both tolerances"

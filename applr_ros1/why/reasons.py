@@ -1,19 +1,19 @@
 """Reasons why a robot does not drive, read from the columns of a simulated or recorded drive.
 
 Causes come before what follows from them: without a scan the planner sends nothing, without a plan
-nothing is commanded, and a command that the collision monitor stops moves nothing.
+nothing is commanded, and a command that the collision monitor blocks moves nothing.
 """
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from typing import DefaultDict, List, Optional
+from collections import defaultdict
+from typing import DefaultDict, List, NamedTuple, Optional
 
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
-from applr_ros1.drives.drive import Rows, Verdicts
+from applr_ros1.drives.drive import Commands, Rows, Verdicts
 from applr_ros1.monitor.monitor import REVERSING
 from applr_ros1.senses.standing import SILENT_S, STOOD
 from applr_ros1.why.stretch import (
@@ -29,13 +29,11 @@ SILENT_PERIODS = 5.0  # shortest silence of a source, in its usual gaps
 DRIVES_SPEED = 0.05
 DRIVES_TURN = 0.2
 PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
-# Share of the time in which the monitor delays reversals from which on it holds the robot. A
-# planner that keeps changing its direction is delayed for less.
-DELAYED_SHARE = 0.3
-# Share of a stretch in which the planner drives forward, from which on it counts what the monitor
-# does to these commands alone
+# Share of a stretch in which the planner drives forward from which on only these commands count
 FORWARD_SHARE = 0.2
-PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
+# Least share of the commanded motion that is a reason if it is blocked. The changes of direction of
+# a planner that hesitates are delayed for less.
+BLOCKED_SHARE = 0.3
 # A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
 HELD_M = 0.5
 SAME_SCAN_M = 0.03
@@ -149,87 +147,87 @@ def late(stretch: Stretch) -> str:
 
 
 # -- base ------------------------------------------------------------------------------------------
-def held(stretch: Stretch) -> str:
-    """Return why the collision monitor held the robot, or ""."""
-    verdicts = stretch.in_force(stretch.drive.verdicts)
-    if verdicts is None:
-        return ""
-    seconds = durations(verdicts, stretch.end)
-    blocked_s: DefaultDict[str, float] = defaultdict(float)  # time by reason [s]
-    delayed_s = 0.0
-    for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
-        if is_blocked:
-            blocked_s[reason] += duration
-        elif reason == REVERSING:
-            delayed_s += duration
-    # A reversal that the monitor delays does not move the robot either.
-    if delayed_s > DELAYED_SHARE * stretch.seconds:
-        blocked_s[REVERSING] += delayed_s
-    blocked_total = sum(blocked_s.values())
-    if not stretch.is_reason(blocked_total) and not _is_kept_from_advancing(stretch, verdicts):
-        return ""
-    reason = max(blocked_s, key=blocked_s.__getitem__)
-    share = f"{100 * blocked_total / stretch.seconds:.0f} %"
-    return f"the collision monitor intervenes {share} of the time: {reason}"
+class BlockedMotion(NamedTuple):
+    """Part of the commanded motion that does not reach the base, in n rows of a stretch.
 
-
-def _is_kept_from_advancing(stretch: Stretch, verdicts: Verdicts) -> bool:
-    """Return whether the monitor blocks most commands to drive forward.
-
-    Between them the planner may back out, which the monitor allows, before it tries again.
-
-    Args:
-        stretch: The stretch.
-        verdicts: Verdicts in force in it.
+    Attributes:
+        times: (n,) times at which the rest has reached the base [s].
+        seconds: (n,) blocked time [s]: the time of a row, multiplied by the share that is blocked.
+        asked_s: Time in which motion is asked for [s].
     """
+
+    times: np.ndarray
+    seconds: np.ndarray
+    asked_s: float
+
+
+def blocked(stretch: Stretch) -> str:
+    """Return why most of the commanded motion does not reach the base, or ""."""
+    verdicts = stretch.in_force(stretch.drive.verdicts)
     planned = stretch.part(stretch.drive.planned)
-    if planned is None:
-        return False
-    drives_forward = planned.twist[:, 0] >= DRIVES_SPEED
-    verdict_rows = latest_rows(verdicts, planned.time + PASS_ON_S)
-    is_blocked = np.array(verdicts.blocked, bool)[verdict_rows]
-    seconds = durations(planned, stretch.end)
-    forward_s = float(seconds[drives_forward].sum())
-    blocked_s = float(seconds[drives_forward & is_blocked].sum())
-    return forward_s > FORWARD_SHARE * stretch.seconds and blocked_s > stretch.share * forward_s
-
-
-def stopped(stretch: Stretch) -> str:
-    """Return that the planner's commands did not reach the base, or ""."""
-    drive = stretch.drive
-    planned = stretch.part(drive.planned)
-    if planned is None or drive.commands is None or drive.commands is drive.planned:
+    commands = stretch.drive.commands
+    if planned is not None and commands is not None and commands is not stretch.drive.planned:
+        motion = _blocked_of_commands(stretch, planned, commands)
+    elif verdicts is not None:
+        motion = _blocked_by_verdicts(stretch, verdicts)
+    else:
         return ""
-    asks_for_motion = _asks_for_motion(planned.twist)
-    # What reaches the base may come a little later than the planner's command.
-    command_rows = latest_rows(drive.commands, planned.time + PASS_ON_S)
-    passed_commands = drive.commands.twist[command_rows]
-    is_little = np.abs(passed_commands) <= PASSED * np.abs(planned.twist)
-    # The base may still brake before a change of direction.
-    is_little |= passed_commands * planned.twist < 0.0
-    is_stopped = asks_for_motion & is_little.all(axis=1)
-    seconds = durations(planned, stretch.end)
-    if not stretch.is_reason(float(seconds[is_stopped].sum())):
+    blocked_s = float(motion.seconds.sum())
+    if blocked_s <= max(stretch.share, BLOCKED_SHARE) * motion.asked_s:
         return ""
-    speed = _in_words(planned.twist[is_stopped])
-    monitor_reason = _reason_of_monitor(stretch, planned.time[is_stopped])
-    if monitor_reason:
-        return f"the collision monitor lets nothing of {speed} pass: {monitor_reason}"
+
+    # The reason of the monitor that takes most of it
+    seconds_by_reason: DefaultDict[str, float] = defaultdict(float)
+    if verdicts is not None:
+        for row, seconds in zip(latest_rows(verdicts, motion.times), motion.seconds):
+            seconds_by_reason[verdicts.reason[row]] += seconds
+    reason = max(seconds_by_reason, key=seconds_by_reason.__getitem__, default="")
+    percent = f"{100 * blocked_s / motion.asked_s:.0f} %"
+    if reason:
+        return f"the collision monitor blocks {percent} of the commanded motion: {reason}"
     return (
-        f"move_base commanded {speed}, but nothing of it reached the base "
+        f"{percent} of the commanded motion does not reach the base "
         "(collision monitor, mux or emergency stop)"
     )
 
 
-def _reason_of_monitor(stretch: Stretch, times: np.ndarray) -> str:
-    """Return why the monitor changed most of the commands of some times (n,) [s], or ""."""
-    verdicts = stretch.in_force(stretch.drive.verdicts)
-    if verdicts is None:
-        return ""
-    verdict_rows = latest_rows(verdicts, times + PASS_ON_S)
-    reason_counts = Counter(verdicts.reason[row] for row in verdict_rows)
-    reason, count = reason_counts.most_common(1)[0]
-    return reason if count > stretch.share * len(times) else ""
+def _blocked_of_commands(stretch: Stretch, planned: Commands, commands: Commands) -> BlockedMotion:
+    """Return the part of the planner's commands in a stretch that does not reach the base.
+
+    Args:
+        stretch: The stretch.
+        planned: Commands of the planner in it.
+        commands: Commands that reach the base in the whole drive.
+    """
+    seconds = durations(planned, stretch.end)
+    asks = _asks_for_motion(planned.twist)
+    asked_s = stretch.seconds
+    drives_forward = planned.twist[:, 0] >= DRIVES_SPEED
+    forward_s = float(seconds[drives_forward].sum())
+    if forward_s > FORWARD_SHARE * stretch.seconds:
+        # Between its attempts the planner may back out or turn, which the monitor allows.
+        asks = np.column_stack([drives_forward, np.zeros_like(drives_forward)])
+        asked_s = forward_s
+
+    # The next command to the base answers the planner's, unless it comes late. While the base still
+    # brakes before a change of direction, it has another sign.
+    next_rows = np.searchsorted(commands.time, planned.time).clip(max=len(commands) - 1)
+    times = np.minimum(commands.time[next_rows], planned.time + PASS_ON_S)
+    passed_commands = commands.twist[latest_rows(commands, times)]
+    passed_shares = np.zeros_like(planned.twist)
+    np.divide(passed_commands, planned.twist, out=passed_shares, where=asks)
+    blocked_shares = 1.0 - passed_shares.clip(0.0, 1.0).max(axis=1)
+    return BlockedMotion(times, seconds * blocked_shares * asks.any(axis=1), asked_s)
+
+
+def _blocked_by_verdicts(stretch: Stretch, verdicts: Verdicts) -> BlockedMotion:
+    """Return the time that the monitor blocks by its verdicts in force in a stretch.
+
+    A reversal that the monitor delays does not move the robot either.
+    """
+    is_blocked = np.array(verdicts.blocked) | (np.array(verdicts.reason) == REVERSING)
+    seconds = durations(verdicts, stretch.end)
+    return BlockedMotion(verdicts.time, seconds * is_blocked, stretch.seconds)
 
 
 def unmoved(stretch: Stretch) -> str:
@@ -238,7 +236,7 @@ def unmoved(stretch: Stretch) -> str:
     commands = stretch.part(drive.commands)
     if commands is None or drive.odometry is None:
         return ""
-    asks_for_motion = _asks_for_motion(commands.twist)
+    asks_for_motion = _asks_for_motion(commands.twist).any(axis=1)
     seconds = durations(commands, stretch.end)
     odometry_rows = latest_rows(drive.odometry, commands.time)
     speed, turn_rate = np.abs(drive.odometry.twist[odometry_rows]).T
@@ -276,10 +274,8 @@ def stuck(stretch: Stretch) -> str:
 
 
 def _asks_for_motion(twist: np.ndarray) -> np.ndarray:
-    """Return for commands (n, 2) whether they ask for motion."""
-    drives = np.abs(twist[:, 0]) >= DRIVES_SPEED
-    turns = np.abs(twist[:, 1]) >= DRIVES_TURN
-    asks_for_motion: np.ndarray = drives | turns
+    """Return for commands (n, 2) whether each of v and w asks for motion."""
+    asks_for_motion: np.ndarray = np.abs(twist) >= (DRIVES_SPEED, DRIVES_TURN)
     return asks_for_motion
 
 

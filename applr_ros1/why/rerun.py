@@ -5,6 +5,7 @@ A question holds all that the planner needs, so that questions may be asked in a
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, List, NamedTuple, Optional, Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.planner.plan_cut import half_size
 from applr_ros1.robots import Robot
+from applr_ros1.robots.learned import TRAJECTORY
 from applr_ros1.why.moment import (
     Asked,
     ComparedSamples,
@@ -44,6 +46,12 @@ class Ahead(NamedTuple):
 
     track: np.ndarray
     lethal_points: np.ndarray
+
+
+def with_meter_scoring(robot: Robot, is_per_metre: bool) -> Robot:
+    """Return a robot whose move_base counts distance biases per metre, or per cell."""
+    planner = {TRAJECTORY: {"meter_scoring": is_per_metre}}
+    return replace(robot.with_parameters(planner, robot.name), is_running=True)
 
 
 class RerunPlanner:

@@ -13,6 +13,7 @@ from applr_ros1.drives.columns import (
     SECOND,
     SUCCEEDED,
     Sender,
+    Stamp,
     column_of,
 )
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, DriveError, Rows
@@ -109,6 +110,25 @@ def test_a_message_of_ros_gives_the_row_of_rosbags(key):
         assert maker.make(column.type, fields)  # This package's types are registered with use.
         rosbags_message = maker.store.deserialize_ros1(serialised.getvalue(), column.type)
         np.testing.assert_equal(column.unpack(received), column.unpack(rosbags_message))
+
+
+@pytest.mark.parametrize(
+    ("no_return", "ranges"),
+    [
+        pytest.param(0.0, [1.0, np.inf, np.inf], id="zero"),
+        pytest.param(8.0, [1.0, 0.0, np.inf], id="another range"),
+        pytest.param(None, [1.0, 0.0, np.inf], id="infinity alone"),
+    ],
+)
+def test_the_robots_range_for_no_return_is_infinite_in_the_scans_of_a_bag(no_return, ranges):
+    laser = JACKAL.laser.model_copy(update={"no_return": no_return})
+    robot = dataclasses.replace(JACKAL, laser=laser)
+    published = np.array([1.0, 0.0, np.inf if no_return is None else no_return], np.float32)
+    row, _ = packed_rows("scans")[0]
+    scan_row = {**row, "stamp": Stamp(SECOND), "frame": "laser", "ranges": published}
+    drive = drive_from([Received(SECOND, "scans", [scan_row])], robot)
+    assert drive.scans.ranges[0].tolist() == ranges
+    assert drive.clearances.nearest.tolist() == [1.0]
 
 
 @pytest.mark.parametrize(

@@ -503,10 +503,10 @@ def test_causes_come_before_what_follows_from_them(stopped):
             "there was no scan for 3.0 s",
         ),
         ({"routes": no_path, "planned": early_commands}, "the global planner finds no path"),
-        # What the monitor stops does not reach the base.
+        # What the monitor blocks does not reach the base.
         (
             {"verdicts": wall, "commands": no_commands},
-            "the collision monitor intervenes 100 % of the time: a wall",
+            "the collision monitor blocks 100 % of the commanded motion: a wall",
         ),
     ):
         event = Event("stood", 3.0, 6.0, (1.5, 0.0))
@@ -514,30 +514,48 @@ def test_causes_come_before_what_follows_from_them(stopped):
         assert event.reason == reason
 
 
-def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
-    planned = stopped.planned
+def limited(drive, shares, verdicts=None):
+    """Return a drive of which shares of the planner's commands reach the base, 20 ms later."""
+    planned = drive.planned
+    passed_twists = np.broadcast_to(shares, len(planned))[:, None] * planned.twist
+    commands = Commands(planned.time + 0.02, passed_twists)
+    return replace(drive, commands=commands, verdicts=verdicts)
 
-    def reason(share):
-        """Return the reason if a share of each command reaches the base."""
-        commands = Commands(planned.time, share * planned.twist)
-        return reasons.stopped(stretch_of(replace(stopped, commands=commands)))
 
-    assert reasons.stopped(stretch_of(stopped)) == ""  # There is no monitor.
-    nothing = "move_base commanded 0.50 m/s, but nothing of it reached the base"
-    assert reason(0.0).startswith(nothing)
-    # The monitor still brakes a base that is to change its direction.
-    assert reason(-0.5).startswith(nothing)
-    # A monitor that slows the robot down is no reason why it stands.
-    assert reason(0.5) == ""
+# Rows of a second at 20 Hz: 70 % of the commands are limited, or the share of them that passes.
+LIMITED = np.arange(180) % 20 < 14
 
-    # A monitor that slows it to nothing is one.
-    slowed = Verdicts(np.array([0.0]), ["slow"], ["limited: a wall"])
-    commands = Commands(planned.time, 0.0 * planned.twist)
-    drive = replace(stopped, commands=commands, verdicts=slowed)
-    monitor_words = "the collision monitor lets nothing of 0.50 m/s pass: limited: a wall"
-    assert reasons.stopped(stretch_of(drive)) == monitor_words
-    passed = Verdicts(np.array([0.0]), ["pass"], [""])
-    assert reasons.stopped(stretch_of(replace(drive, verdicts=passed))).startswith(nothing)
+
+@pytest.mark.parametrize(
+    ("shares", "percent"),
+    [
+        pytest.param(0.0, 100, id="nothing passes"),
+        pytest.param(0.2, 80, id="a fifth passes"),
+        pytest.param(np.where(LIMITED, 0.2, 1.0), 56, id="a fifth, in 70 % of the cycles"),
+        pytest.param(np.where(LIMITED, 0.4, 1.0), None, id="two fifths, in 70 % of the cycles"),
+        pytest.param(0.51, None, id="more than half passes"),
+        # The monitor still brakes a base that is to change its direction.
+        pytest.param(-0.5, 100, id="another direction"),
+        # A base that brakes slower than commanded makes up for nothing.
+        pytest.param(np.where(LIMITED, 0.0, 1.5), 70, id="nothing, then more than commanded"),
+    ],
+)
+def test_a_monitor_that_lets_less_than_half_of_the_commanded_motion_pass_is_the_reason(
+    stopped, shares, percent
+):
+    limits = Verdicts(np.array([0.0]), ["slow"], ["limited: a wall"])
+    passes = Verdicts(np.array([0.0]), ["pass"], [""])
+    others = f"{percent} % of the commanded motion does not reach the base (collision monitor, mux"
+    for verdicts, words in (
+        (limits, f"the collision monitor blocks {percent} % of the commanded motion: limited: a"),
+        (passes, others),
+        (None, others),
+    ):
+        reason = reasons.blocked(stretch_of(limited(stopped, shares, verdicts)))
+        if percent is None:
+            assert reason == ""
+        else:
+            assert reason.startswith(words)
 
 
 def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
@@ -545,13 +563,13 @@ def test_a_verdict_of_the_monitor_holds_until_the_next_one(stopped):
         """Return the reason by verdicts (time, action, reason), which come with each change."""
         times, actions, words = zip(*rows)
         verdicts = Verdicts(np.array(times), list(actions), list(words))
-        return reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
+        return reasons.blocked(stretch_of(replace(stopped, verdicts=verdicts)))
 
     # The stretch lasts from 3 to 6 s.
     stops_before = held((1.0, "pass", ""), (2.5, "stop", "a wall"), (5.4, "pass", ""))
-    assert stops_before == "the collision monitor intervenes 80 % of the time: a wall"
+    assert stops_before == "the collision monitor blocks 80 % of the commanded motion: a wall"
     stops_within = held((1.0, "pass", ""), (3.9, "stop", "a wall"))
-    assert stops_within == "the collision monitor intervenes 70 % of the time: a wall"
+    assert stops_within == "the collision monitor blocks 70 % of the commanded motion: a wall"
     assert held((1.0, "stop", "a wall"), (2.9, "pass", "")) == ""
     assert held((6.5, "stop", "a wall")) == ""
 
@@ -560,18 +578,18 @@ def test_of_several_reasons_the_monitor_held_for_the_one_of_most_time_is_said(st
     # From 3 to 6 s: 0.9 s for the wall, 1.2 s for the chair, and 0.9 s for the wall again
     times = np.array([1.0, 3.9, 5.1])
     verdicts = Verdicts(times, ["stop"] * 3, ["a wall", "a chair", "a wall"])
-    words = reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
-    assert words == "the collision monitor intervenes 100 % of the time: a wall"
+    words = reasons.blocked(stretch_of(replace(stopped, verdicts=verdicts)))
+    assert words == "the collision monitor blocks 100 % of the commanded motion: a wall"
 
 
 def test_a_reversal_that_the_monitor_delays_is_a_reason_and_other_braking_is_none(stopped):
     def held(since, reason):
         """Return the reason if the monitor brakes the base from a time [s] on."""
         verdicts = Verdicts(np.array([1.0, since]), ["pass", "brake"], ["", reason])
-        return reasons.held(stretch_of(replace(stopped, verdicts=verdicts)))
+        return reasons.blocked(stretch_of(replace(stopped, verdicts=verdicts)))
 
     # The stretch lasts from 3 to 6 s.
-    assert held(3.9, REVERSING).startswith("the collision monitor intervenes 70 % of the time: ")
+    assert held(3.9, REVERSING).startswith("the collision monitor blocks 70 % of ")
     assert held(5.4, REVERSING) == ""
     assert held(3.9, BRAKING) == ""
 
@@ -579,24 +597,22 @@ def test_a_reversal_that_the_monitor_delays_is_a_reason_and_other_braking_is_non
 def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_backs_out(stopped):
     planned = stopped.planned
     # The planner drives forward in the first 0.4 s of each second, and backs out in the others.
-    is_forward = planned.time % 1.0 < 0.4
+    is_forward = np.arange(180) % 20 < 8
     twists = np.where(is_forward[:, None], (0.5, 0.0), (-0.1, 0.0))
-    seconds = np.arange(10.0)
 
-    def held(blocked_s, backing=planned.time < 0.0):
+    def blocked(blocked_s, backing=planned.time < 0.0):
         """Return the reason if the monitor blocks the robot for the first part of each second."""
-        times = np.column_stack([seconds, seconds + blocked_s]).ravel()
-        actions = ["stop", "pass"] * len(seconds)
-        words = ["a wall", ""] * len(seconds)
-        verdicts = Verdicts(times, actions, words)
         commanded = np.where(backing[:, None], (-0.1, 0.0), twists)
-        commands = Commands(planned.time, commanded)
-        return reasons.held(stretch_of(replace(stopped, planned=commands, verdicts=verdicts)))
+        drive = replace(stopped, planned=Commands(planned.time, commanded))
+        shares = np.where(np.arange(180) % 20 < blocked_s * RATE_HZ, 0.0, 1.0)
+        wall = Verdicts(np.array([0.0]), ["stop"], ["a wall"])
+        return reasons.blocked(stretch_of(limited(drive, shares, wall)))
 
-    assert held(0.39) == "the collision monitor intervenes 39 % of the time: a wall"
-    assert held(0.1) == ""
+    words = "the collision monitor blocks 100 % of the commanded motion: a wall"
+    assert blocked(0.39) == words
+    assert blocked(0.1) == ""
     # One that only backs out is not kept from anything.
-    assert held(0.39, backing=planned.time >= 0.0) == ""
+    assert blocked(0.39, backing=planned.time >= 0.0) == ""
 
 
 def test_a_base_that_does_not_follow_is_a_reason(stopped):
@@ -617,8 +633,13 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     words = "the base did not follow its commands of 0.40 rad/s"
     assert reasons.unmoved(stretch_of(turns)) == words
     nothing = Commands(turns.planned.time, 0.0 * turns.planned.twist)
-    words = "move_base commanded 0.40 rad/s, but nothing of it reached the base"
-    assert reasons.stopped(stretch_of(replace(turns, commands=nothing))).startswith(words)
+    words = "100 % of the commanded motion does not reach the base"
+    assert reasons.blocked(stretch_of(replace(turns, commands=nothing))).startswith(words)
+
+    # Turns to either side all pass, if a little later.
+    alternating = np.where(np.arange(180) % 2, 1.0, -1.0)[:, None] * turns.planned.twist
+    swings = replace(turns, planned=Commands(turns.planned.time, alternating))
+    assert reasons.blocked(stretch_of(limited(swings, 1.0))) == ""
 
     # A base that turns on the spot as it is told follows.
     assert reasons.unmoved(stretch_of(with_commands((0.0, 0.4), measured=(0.0, 0.4)))) == ""

@@ -251,10 +251,11 @@ def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
 
 
 # -- obstacles
-def test_boxes_cover_the_occupied_cells_and_nothing_else():
+@pytest.mark.parametrize("occupied_share", [0.3, 0.0])
+def test_boxes_cover_the_occupied_cells_and_nothing_else(occupied_share):
     # Given: random occupied cells of 1 m among unknown ones
     rng = np.random.default_rng(0)
-    is_occupied = rng.random((40, 50)) < 0.3
+    is_occupied = rng.random((40, 50)) < occupied_share
     map_cells = np.where(is_occupied, 100, -1).astype(np.int8)
     grid = worlds.world.Grid(map_cells, 1.0, (0.0, 0.0, 0.0))
 

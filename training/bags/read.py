@@ -11,7 +11,19 @@ import os
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Collection, Dict, Iterable, Iterator, List, Optional, Sequence
+from typing import (
+    Any,
+    Callable,
+    Collection,
+    Dict,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+)
 
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
@@ -20,7 +32,14 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import FileError, check_regular, reading
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
-from applr_ros1.drives.received import drive_from, received, sources_of
+from applr_ros1.drives.received import (
+    Received,
+    TopicSource,
+    all_received,
+    drive_from,
+    received,
+    sources_of,
+)
 from applr_ros1.robots import JACKAL, Robot
 
 _LOGGER = logging.getLogger(__name__)
@@ -59,7 +78,7 @@ class OpenBag:
         topics: TopicNames = TopicNames(),
         columns: Optional[Collection[str]] = None,
     ) -> Drive:
-        """Read the drive.
+        """Read the drive. Messages that cannot be unpacked are left out, and logged by topic.
 
         Args:
             robot: Robot that drove.
@@ -68,20 +87,23 @@ class OpenBag:
                 their topics.
         """
         sources = sources_of(self.types, topics, columns)
-        messages = []
-        for connection, recording_time, raw_message in self._recorded(sources):
-            message = received(
-                recording_time,
-                sources[connection.topic],
-                raw_message,
-                connection.digest,
-                partial(self._reader.deserialize, raw_message, connection.msgtype),
-            )
-            messages.append(message)
+        messages = all_received(self._calls(sources), self._name)
         drive = drive_from(messages, robot)
         drive.name = self._name
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))
         return drive
+
+    def _calls(
+        self, sources: Mapping[str, TopicSource]
+    ) -> Iterator[Tuple[str, Callable[[], Received]]]:
+        """Yield the topic of each message on the sources, and a call that unpacks it."""
+        for connection, recording_time, raw_message in self._recorded(sources):
+            deserialized = partial(self._reader.deserialize, raw_message, connection.msgtype)
+            source = sources[connection.topic]
+            unpack = partial(
+                received, recording_time, source, raw_message, connection.digest, deserialized
+            )
+            yield connection.topic, unpack
 
     def text_on(self, topic: str) -> Optional[str]:
         """Return the last text (std_msgs/String) on a topic, or None."""

@@ -2,7 +2,7 @@
 
 The world is the statistical unit, because trials in one world resemble each other. A method is
 represented by its mean cost in each world. The cost of a trial is, for example, its time, or a
-fixed time if it failed [s].
+fixed time if it failed or touched something [s].
 """
 
 from __future__ import annotations

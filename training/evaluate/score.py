@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, NamedTuple, Seq
 import numpy as np
 
 from applr_ros1.drives.end_rules import TIME_LIMIT
-from applr_ros1.drives.outcome import CLEAR
+from applr_ros1.drives.outcome import CLEAR, arrived_cleanly
 from applr_ros1.robots import Robot
 from training.evaluate.trial import Result
 
@@ -21,21 +21,23 @@ if TYPE_CHECKING:
 
 TrialCost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
 
-FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as, however early it failed [s]
-SECONDS_RULE = f"a failure costs {FAILURE_SECONDS:g} s"
+# Time that a trial counts as that failed, however early, or touched something [s]
+FAILURE_SECONDS = TIME_LIMIT
+SECONDS_RULE = f"a failure or contact costs {FAILURE_SECONDS:g} s"
 
 
 def seconds(trials: Any) -> Any:
-    """Return the score [s]: the time of a trial that succeeded, else FAILURE_SECONDS.
+    """Return the score [s]: the time of a trial that arrived cleanly, else FAILURE_SECONDS.
 
     Args:
-        trials: A Result, or a table with a row for each trial and the columns `success` and
-            `time_s`.
+        trials: A Result, or a table with a row for each trial and the columns `success`,
+            `collided` and `time_s`.
 
     Returns:
         A number for a Result, an array (n,) for a table with n rows.
     """
-    scores = np.where(trials.success, trials.time_s, FAILURE_SECONDS)
+    is_clean = arrived_cleanly(trials.success, trials.collided)
+    scores = np.where(is_clean, trials.time_s, FAILURE_SECONDS)
     return scores[()]  # A number instead of an array without dimensions.
 
 
@@ -72,9 +74,8 @@ class Aim(NamedTuple):
     def cost(self, result: Result, robot: Robot, baseline: Baseline) -> float:
         """Return the cost of a trial [s]."""
         optimal_s = result.route_m / robot.base.max_speed
-        is_clean = result.success and not result.collided
         cost = self.failure
-        if is_clean:
+        if arrived_cleanly(result.success, result.collided):
             cost = result.time_s / optimal_s
             cost += self.slower * max(0.0, cost - baseline.pace)
         clearance_widths = result.mean_clearance_m / robot.body.size[1]
@@ -131,9 +132,8 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
     the reference path, route_m [m], at 2 m/s.
     """
     optimal = np.maximum(route_m, 1e-9) / 2.0
-    return (
-        success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
-    )
+    counted_time = np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
+    return arrived_cleanly(success, collided) * optimal / counted_time
 
 
 def summary(results: Sequence[Result]) -> Dict[str, Any]:

@@ -20,7 +20,7 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.robots import JACKAL
 from training.evaluate import paper
 from training.evaluate.compare import LEVEL, Estimate, over_worlds, rate
-from training.evaluate.score import FAILURE_SECONDS, barn_metric
+from training.evaluate.score import SECONDS_RULE, barn_metric
 from training.evaluate.stored import SETS, TEST, TRAINING, Results
 
 NONE = "–"  # cell without a value
@@ -189,8 +189,8 @@ def holm_adjusted(p: np.ndarray) -> np.ndarray:
 @table(
     "Table I: average traversal time",
     "Time: mean over the successful trials of all worlds. Faster: difference of the scores (times "
-    f"in which a failed trial counts as {FAILURE_SECONDS:g} s), averaged over the worlds that both "
-    "have driven. Intervals: bootstrap over worlds.",
+    f"in which {SECONDS_RULE}), averaged over the worlds that both have driven. Intervals: "
+    "bootstrap over worlds.",
     of_paper=(
         paper.UNIT,
         f"The paper's improvement: training {paper.GAIN[TRAINING]}, test {paper.GAIN[TEST]}. "

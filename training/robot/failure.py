@@ -8,7 +8,7 @@ import numpy as np
 
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, DrivenToGoal
 from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full
-from applr_ros1.why.reasons import held, no_plan
+from applr_ros1.why.reasons import blocked, no_plan
 from applr_ros1.why.stretch import Stretch, durations, first_of
 
 STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
@@ -31,7 +31,7 @@ def failure_of(drive: Drive) -> str:
     reason = ""
     # A planner that has arrived by its odometry was not kept from driving.
     if goal.reason != ODOMETRY_ARRIVED:
-        reason = first_of((no_plan, refused, held, slipping), stretch)
+        reason = first_of((no_plan, refused, blocked, slipping), stretch)
     if not reason and goal.status == ABORTED:
         reason = in_full(drive)
     if not reason:

@@ -12,7 +12,7 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, INFLATION, STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
-from applr_ros1.planner.parameters.obstacle_range import ranges
+from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.policy import methods
@@ -192,12 +192,13 @@ def _ranges(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     }
     for parameter_name, usual_values in usual_ranges.items():
         changes = []
-        for section_path, section in _sections_with(tree, parameter_name):
+        for source in laser_sources(tree):
+            section = branch(tree, source.path)
             if section[parameter_name] >= usual_values[parameter_name]:
                 continue
             for name, usual_value in usual_values.items():
                 if section[name] < usual_value:
-                    changes.append(Change(section_path, name, section[name], usual_value))
+                    changes.append(Change(source.path, name, section[name], usual_value))
         if changes:
             # A range of 0 has no ratio.
             departures = [change.after / max(change.before, 0.01) for change in changes]

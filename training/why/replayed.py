@@ -1,4 +1,4 @@
-"""Replays the recorded drive of a bag with the obstacle range that reproduces most of it."""
+"""Replays the recorded drive of a bag with the assumptions that reproduce most of it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from pathlib import Path
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
+from applr_ros1.robots import Robot
+from applr_ros1.robots.learned import TRAJECTORY
 from applr_ros1.why.replay import Replay, Watch, replay_of
-from applr_ros1.why.rerun import RerunPlanner
+from applr_ros1.why.rerun import RerunPlanner, with_meter_scoring
 from training.why.recorded import RecordedOptions, recording_of
 
-ENOUGH = 0.98  # share of reproduced cycles from which on no other obstacle range is tried
+ENOUGH = 0.98  # share of reproduced cycles from which on nothing else is assumed
 
 
 def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Replay:
@@ -29,7 +31,7 @@ def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Repl
     # A robot whose files are wrong is reported before a long bag is read.
     planner = RerunPlanner(options.robot)
     replay = replay_of(recording_of(path, options, planner), planner, watch)
-    return with_range_of_method(replay, watch) if replay.cycles else replay
+    return with_likely_robot(replay, watch) if replay.cycles else replay
 
 
 def check_cycles(path: Path, replay: Replay) -> None:
@@ -41,31 +43,39 @@ def check_cycles(path: Path, replay: Replay) -> None:
         )
 
 
-def with_range_of_method(replay: Replay, watch: Watch = iter) -> Replay:
-    """Return the replay that reproduces most: this one, or one with the range of a method.
+def with_likely_robot(replay: Replay, watch: Watch = iter) -> Replay:
+    """Return the replay that reproduces most: this one, or one of a robot with other assumptions.
 
     No bag says up to which range obstacles were marked. A move_base that was started for the
-    robot's policy or tuned set marks them up to the one for which this was made. The drive gets a
-    note if that is the range.
+    robot's policy or tuned set marks them up to the one for which this was made. Nor does a bag say
+    in which unit C++ counted distances. The drive gets a note on what differs from the robot.
 
     Args:
         replay: Replay with the range of the robot's files.
         watch: Shows the progress of a loop, as tqdm does.
     """
-    best_replay = replay
     for needed_range in methods.obstacle_ranges(replay.robot):
-        if best_replay.share_of_cycles >= ENOUGH:
-            break
         note = (
             f"obstacles are marked up to {needed_range:g} m, as the robot's set or policy asks: "
             "with the range of its files, fewer commands are reproduced"
         )
-        other_recording = replace(
-            replay.recording,
-            robot=replay.robot.seeing(needed_range),
-            drive=replace(replay.drive, notes=[*replay.drive.notes, note]),
+        replay = _better(replay, replay.robot.seeing(needed_range), note, watch)
+    if replay.planner.name == TRAJECTORY:
+        is_per_metre = replay.planner.start_values["meter_scoring"]
+        other_unit = "cell" if is_per_metre else "metre"
+        note = (
+            f"distance biases count per {other_unit}, as C++ leaves the unit to chance: "
+            "with the other unit, fewer commands are reproduced"
         )
-        other_replay = replay_of(other_recording, watch=watch)
-        if other_replay.reproduced > best_replay.reproduced:
-            best_replay = other_replay
-    return best_replay
+        replay = _better(replay, with_meter_scoring(replay.robot, not is_per_metre), note, watch)
+    return replay
+
+
+def _better(replay: Replay, other_robot: Robot, note: str, watch: Watch) -> Replay:
+    """Return the replay of another robot with a note if it reproduces more than a poor replay."""
+    if replay.share_of_cycles >= ENOUGH:
+        return replay
+    noted_drive = replace(replay.drive, notes=[*replay.drive.notes, note])
+    other_recording = replace(replay.recording, robot=other_robot, drive=noted_drive)
+    other_replay = replay_of(other_recording, watch=watch)
+    return max(replay, other_replay, key=lambda candidate: candidate.reproduced)

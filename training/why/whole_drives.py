@@ -19,6 +19,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import simulate
 from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
 from applr_ros1.drives.end_rules import Rules
+from applr_ros1.drives.outcome import arrived_cleanly
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.planner.parameters.settings import Change
@@ -232,7 +233,7 @@ def drive_once(
     )
     truth = driven.require(Driven).truth
     goal = driven.goals[-1]
-    success = goal.status == REACHED and not len(driven.contacts)
+    success = bool(arrived_cleanly(goal.status == REACHED, len(driven.contacts)))
     is_timeout = goal.status == TIMED_OUT
     # Paths are sent between processes.
     path = np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32)

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -637,10 +638,9 @@ def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
 MAGIC = {"BZ2": b"BZh", "LZ4": b"\x04\x22\x4d\x18"}
 
 
-def write_damaged_chunk(bag_path, whole_bag, compression):
-    """Write the messages of a bag in a compressed chunk with wrong bytes."""
-    writer = Writer(bag_path)
-    writer.set_compression(compression)
+def copy_messages(whole_bag, writer, first_bytes=lambda topic, number: None):
+    """Copy a bag. Of a topic's message of a number, first_bytes may leave some of the bytes."""
+    numbers = Counter()
     with writer, AnyReader([whole_bag]) as reader:
         written_connections = {}
         for connection in reader.connections:
@@ -649,7 +649,46 @@ def write_damaged_chunk(bag_path, whole_bag, compression):
                 connection.topic, connection.msgtype, msgdef=definition, md5sum=connection.digest
             )
         for connection, recording_time, raw_message in reader.messages():
-            writer.write(written_connections[connection.id], recording_time, raw_message)
+            kept_bytes = first_bytes(connection.topic, numbers[connection.topic])
+            numbers[connection.topic] += 1
+            written = raw_message[:kept_bytes]
+            writer.write(written_connections[connection.id], recording_time, written)
+
+
+def test_messages_that_are_cut_are_left_out_and_counted(tmp_path, caplog):
+    # Given: a bag of which a scan, two messages of odometry and a plan are cut
+    drive = whole_drive(JACKAL)
+    whole_bag = write(tmp_path / "whole.bag", drive)
+    cut_messages = {
+        ("/front/scan", 1): 60,
+        ("/odometry/filtered", 0): 0,
+        ("/odometry/filtered", 2): 100,
+        ("/move_base/TrajectoryPlannerROS/global_plan", 0): 40,
+    }
+    copy_messages(
+        whole_bag,
+        Writer(tmp_path / "cut.bag"),
+        lambda topic, number: cut_messages.get((topic, number)),
+    )
+
+    # Then: all others are read, and a line counts those by topic
+    read_back = read(tmp_path / "cut.bag")
+    assert read_back.scans.stamp.tolist() == drive.scans.stamp[[0, 2]].tolist()
+    assert read_back.odometry.stamp.tolist() == drive.odometry.stamp[[1]].tolist()
+    assert len(read_back.plans) == len(drive.plans) - 1
+    assert len(read_back.planned) == len(drive.planned)
+    (line,) = caplog.messages
+    assert line == (
+        "cut.bag: messages cut or damaged, left out: 2 on /odometry/filtered, "
+        "1 on /move_base/TrajectoryPlannerROS/global_plan, 1 on /front/scan"
+    )
+
+
+def write_damaged_chunk(bag_path, whole_bag, compression):
+    """Write the messages of a bag in a compressed chunk with wrong bytes."""
+    writer = Writer(bag_path)
+    writer.set_compression(compression)
+    copy_messages(whole_bag, writer)
     content = bytearray(bag_path.read_bytes())
     chunk_begin = content.index(MAGIC[compression.name])
     content[chunk_begin : chunk_begin + 100] = bytes(100)

@@ -28,23 +28,29 @@ from training.train.td3.td3 import TD3, TD3Options
 from training.workers.collect import policy_layers
 from training.workers.pool import Pool
 
-ARRIVED_WITH_A_CONTACT = Result(success=True, collided=True, time_s=20.0)
+ARRIVED = Result(success=True, time_s=20.0)
+ARRIVED_WITH_A_CONTACT = Result(success=True, collided=True, time_s=30.0)
 FAILED_EARLY = Result(success=False, time_s=7.0)
 FAILED_WITH_A_CONTACT = Result(success=False, collided=True, time_s=3.0)
 
 
 @pytest.mark.parametrize(
     ("result", "seconds"),
-    [(ARRIVED_WITH_A_CONTACT, 20.0), (FAILED_EARLY, 100.0), (FAILED_WITH_A_CONTACT, 100.0)],
+    [
+        (ARRIVED, 20.0),
+        (ARRIVED_WITH_A_CONTACT, 100.0),
+        (FAILED_EARLY, 100.0),
+        (FAILED_WITH_A_CONTACT, 100.0),
+    ],
 )
-def test_the_score_is_the_time_and_100_s_after_any_failure(result, seconds):
+def test_the_score_is_the_time_and_100_s_after_any_failure_or_contact(result, seconds):
     assert score.seconds(result) == seconds
 
 
 def test_the_summary_of_trials_has_their_mean_score_and_the_mean_time_of_successes():
-    summary = score.summary([ARRIVED_WITH_A_CONTACT, FAILED_EARLY])
-    assert summary["score"] == 60.0
-    assert summary["time_s"] == 20.0
+    summary = score.summary([ARRIVED, ARRIVED_WITH_A_CONTACT, FAILED_EARLY, FAILED_WITH_A_CONTACT])
+    assert summary["score"] == 80.0
+    assert summary["time_s"] == 25.0
     assert summary["success"] == summary["collided"] == 0.5
     assert score.summary([FAILED_EARLY])["time_s"] is None
 
@@ -63,10 +69,10 @@ def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path)
     """The selection of a policy and the report on it would otherwise disagree about which policy is
     better.
     """
-    results = [ARRIVED_WITH_A_CONTACT, FAILED_EARLY, FAILED_WITH_A_CONTACT]
+    results = [ARRIVED, ARRIVED_WITH_A_CONTACT, FAILED_EARLY]
     plan = plan_trials([("generated:1", "generated:1")], [("dwa", "dwa")], len(results), seed=0)
     driven = dict(zip(plan, results))
-    # Of 20 s, and twice 100 s for a failure
+    # Of 20 s, and 100 s for a contact and for a failure
     expected_score = pytest.approx(220.0 / 3.0)
 
     settings = {

@@ -63,12 +63,12 @@ def test_failures_are_worded_by_their_causes_first(stopped):
         action=["pass"] * 120 + ["stop"] * 60,
         reason=["a wall"] * 180,
     )
-    intervenes = "the collision monitor intervenes 33 % of the time: a wall"
-    assert failed(stopped, verdicts=verdicts) == intervenes
+    blocks = "the collision monitor blocks 33 % of the commanded motion: a wall"
+    assert failed(stopped, verdicts=verdicts) == blocks
     # A reversal that the monitor delays counts, too.
     delays = replace(verdicts, reason=[REVERSING] * 180, action=["brake"] * 180)
     delayed = failed(stopped, verdicts=delays)
-    assert delayed == f"the collision monitor intervenes 100 % of the time: {REVERSING}"
+    assert delayed == f"the collision monitor blocks 100 % of the commanded motion: {REVERSING}"
     # What the planner rejects never reaches the monitor.
     both = failed(stopped, verdicts=verdicts, refusals=many_refusals)
     assert both.startswith("the planner rejects")

@@ -77,7 +77,7 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
             0,
             "% of its cycles, mostly by velocity limits",
         ),
-        ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor intervenes"),
+        ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor blocks"),
         (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),
     ],
 )
@@ -279,7 +279,7 @@ def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypat
     leave_out(monkeypatch, 2)
     is_driving, (*_, door_line, error) = open_floor.try_out(robot)
     assert not is_driving
-    assert "door of 0.53 m: the collision monitor intervenes" in door_line
+    assert "door of 0.53 m: the collision monitor blocks" in door_line
     assert error.startswith("error: it does not drive through a door of 0.53 m: ")
     assert "none of 0 changes that were tried helps" in error
 

@@ -385,7 +385,7 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
         def run(trial, weights):
             result = Result(
                 success=seconds < 100,
-                collided=trial.world == "w1",
+                collided=seconds < 10 and trial.world == "w1",
                 time_s=seconds,
                 decisions=5,
                 total_reward=-seconds,
@@ -404,7 +404,8 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
     assert summary["round"] == 1
     assert summary["score"] == 10.0
     assert summary["best"]
-    assert not drive(first_session, 210, 11.0)["best"]
+    # The next one is faster, and touches something in one of the worlds.
+    assert not drive(first_session, 210, 9.0)["best"]
 
     second_session = evaluation()
     assert second_session.best["step"] == 130

@@ -247,9 +247,11 @@ def test_a_robot_is_tried_with_obstacles_marked_two_seconds_ahead_or_as_far_as_i
     assert tried_ranges() == [5.0, 5.0]
     monkeypatch.setattr(methods, "obstacle_ranges", lambda robot: set())
     assert tried_ranges() == [4.0, 4.0]
-    # The Burger, which drives 0.22 m/s, sees far enough.
-    for candidate in file_candidates(BURGER):
-        assert "obstacle_range" not in candidate.names
+    # The Burger, which drives 0.22 m/s, sees far enough. So does a Jackal whose sources have 5 m,
+    # whatever the sections around them have.
+    for robot in (BURGER, JACKAL.seeing(5.0)):
+        for candidate in file_candidates(robot):
+            assert "obstacle_range" not in candidate.names
 
 
 def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():

@@ -40,7 +40,7 @@ from training.why import __main__ as why
 from training.why.pages import drive_page
 from training.why.recorded import recording_of
 from training.why.remedies import CANDIDATES
-from training.why.replayed import with_range_of_method
+from training.why.replayed import with_likely_robot
 
 
 @pytest.fixture(scope="module")
@@ -216,11 +216,41 @@ def test_a_drive_with_the_range_of_the_robots_set_is_reproduced_with_this_range(
     for driven_range, expected_range, notes in ((1.0, 1.0, [of_the_set]), (None, 2.5, [])):
         drive, _ = simulated(robot.seeing(driven_range), "generated:40", limit=8)
         # Then: the replay finds out which one it was, and says so
-        replay = with_range_of_method(replayed(robot, drive))
+        replay = with_likely_robot(replayed(robot, drive))
         assert replay.reproduced == len(replay.cycles)
         sources = laser_sources(replay.robot.parameters())
         assert {source.obstacle_range for source in sources} == {expected_range}
         assert replay.drive.notes == notes
+
+
+@pytest.mark.heavy
+def test_a_drive_whose_distance_biases_count_per_metre_is_reproduced_with_this_unit():
+    # Given: a drive with biases per cell of 0.05 m, and the weights of the same drive with biases
+    # per metre, as the applr node sends them: a 16th of all, so that the biases keep their ranges
+    weights = {"path_distance_bias": 0.5, "goal_distance_bias": 1.5, "occdist_scale": 0.4}
+    values = {"max_vel_x": 1.3, "vx_samples": 16, "vtheta_samples": 56, "sim_time": 1.1, **weights}
+    costmap = {"footprint_padding": 0.14}
+    per_cell = changed(JACKAL, {PLANNER: values, "local_costmap": costmap})
+    drive, _ = simulated(per_cell, "generated:40", limit=8)
+    sent_weights = {
+        "path_distance_bias": 0.5 * 20 / 16,
+        "goal_distance_bias": 1.5 * 20 / 16,
+        "occdist_scale": 0.4 / 16,
+    }
+    robot = changed(per_cell, {PLANNER: sent_weights})
+
+    # Then: the replay finds out that they count per metre, and says so
+    replay = replayed(robot, drive)
+    assert replay.share_of_cycles < 0.9
+    likely_replay = with_likely_robot(replay)
+    assert likely_replay.reproduced == len(likely_replay.cycles)
+    note = (
+        "distance biases count per metre, as C++ leaves the unit to chance: "
+        "with the other unit, fewer commands are reproduced"
+    )
+    assert likely_replay.drive.notes == [note]
+    # The unit stays if nothing is gained by the other.
+    assert with_likely_robot(replayed(per_cell, drive)).drive.notes == []
 
 
 def ran(capsys, *arguments):

@@ -16,7 +16,7 @@ from applr_ros1.why.black_box.description import DescribedRobot, driving, text_o
 from applr_ros1.why.black_box.stops import HELD, SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import POOR
-from tests.support.drives import until
+from tests.support.drives import before_a_monitor, until
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.raw_messages import deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -88,11 +88,11 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
     assert answer.reason == "there was no scan for 8.0 s"
     assert (answer.parameter, answer.reproduced) == ("", 0.0)
 
-    verdicts = Verdicts(np.array([0.0, 1.0]), ["pass", "stop"], ["", "a wall"])
-    held = replace(drive, verdicts=verdicts)
+    verdicts = Verdicts(np.array([0.0]), ["stop"], ["a wall"])
+    held = replace(before_a_monitor(drive), verdicts=verdicts)
     stop = RobotStop(HELD, BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
     (answer,) = answers(tmp_path / "held.bag", robot, held, stop)
-    assert answer.reason == "the collision monitor intervenes 92 % of the time: a wall"
+    assert answer.reason == "the collision monitor blocks 100 % of the commanded motion: a wall"
     # What was said when the stop was found is corrected.
     first_words = f"the robot, which {HELD} at first, crept for 12 s at "
     assert str(answer).startswith(first_words)
