@@ -3,9 +3,11 @@
 CollisionMonitor holds one ObstacleMemory per laser and one SeenSpace. Every scanner has blind
 regions: a scanner with 270 degrees does not cover the rear, and obstacles occlude what lies behind
 them. Obstacle points are kept in the frame of ScanMatcher's poses until they are measured again,
-seen through, too far away or too old. Space is unknown if neither a scan nor the body has covered
-it, or if a point in it was forgotten. In unknown space the monitor limits the robot to creep speed
-(safe_scale in stopping.py looks the cells up).
+disproved, too far away or too old. Returns from behind a point disprove it at once. A beam without
+a return does not, because dark and glossy surfaces return nothing in some scans: only MISSES looks
+in a row disprove a point without anything behind it. Space is unknown if neither a scan nor the
+body has covered it, or if a point in it was forgotten. In unknown space the monitor limits the
+robot to creep speed (safe_scale in stopping.py looks the cells up).
 """
 
 import math
@@ -25,6 +27,13 @@ SPACING_M = 0.015  # smallest distance between stored points of neighbouring bea
 TOLERANCE_M = 0.08
 # Spacing of neighbouring beams beyond which an obstacle may stand between them unseen [m].
 THIN_M = 0.02
+# A look is a scan from another place than the previous look, or later: scans from one place miss a
+# dark surface together. Distance [m] and time [s] from one look to the next.
+LOOK_M = 0.05
+LOOK_S = 0.5
+# Number of looks in a row without a return that disprove a point. A surface that returns nothing in
+# half of the scans is missed by that many once in a million.
+MISSES = 20
 CELL_M = 0.05  # side of a cell of the grid of observed space [m]
 # Distance from the body within which the centre of a touched cell may lie [m].
 TOUCHED_M = 0.71 * CELL_M
@@ -33,6 +42,11 @@ BEHIND_M = 0.1
 # Distance from the scanner up to which a scan observes space [m]. It exceeds all stopping
 # distances.
 SHOWN_M = 2.5
+
+# What a scan shows of a point (_finding).
+UNSEEN = 0
+MISSED = 1
+REPLACED = 2
 
 
 class ObstacleMemory:
@@ -46,9 +60,10 @@ class ObstacleMemory:
     def __init__(self, radius: float = 8.0, seconds: float = 300.0):
         self.radius = float(radius)
         self.seconds = float(seconds)
-        self._points = np.zeros((CAPACITY_POINTS, 3))
+        # x, y [m], stamp of the last hit [s], and number of looks that missed the point since then.
+        self._points = np.zeros((CAPACITY_POINTS, 4))
         self._forgotten = np.empty((CAPACITY_POINTS, 2))
-        self._count = 0
+        self.clear()
 
     @property
     def points(self) -> np.ndarray:
@@ -58,27 +73,34 @@ class ObstacleMemory:
     def clear(self) -> None:
         """Forget all points, for instance after the odometry was reset."""
         self._count = 0
+        self._last_look = (-math.inf, 0.0, 0.0)  # stamp [s] and place x, y of the laser [m]
 
     def update(self, scan: LaserScan) -> np.ndarray:
-        """Add the points of a scan in the fixed frame, and remove the points that it sees through.
+        """Add the points of a scan in the fixed frame, and remove the points that it disproves.
 
-        Beams outside [range_min, range_max] add no point. Ranges of +inf and beyond the radius
-        clear points in front of them. NaN, -inf and ranges below range_min neither add nor clear,
-        because they measure nothing (REP 117).
+        Beams outside [range_min, range_max) add no point. NaN, -inf and ranges below range_min do
+        not disprove points, either, because they measure nothing (REP 117).
 
         Returns:
             (k, 2) the points [m] that were forgotten because of their age, their distance or a full
             memory. No scan has shown that they are gone.
         """
         stamp = float(scan.stamp)
+        rays = rays_of(scan)
+        look_stamp, look_x, look_y = self._last_look
+        is_moved = math.hypot(rays.x - look_x, rays.y - look_y) >= LOOK_M
+        is_look = is_moved or stamp - look_stamp >= LOOK_S
+        if is_look:
+            self._last_look = stamp, rays.x, rays.y
         self._count, forgotten_count = _update(
             self._points,
             self._count,
             self._forgotten,
-            rays_of(scan),
+            rays,
             self.radius,
             stamp - self.seconds,
             stamp,
+            is_look,
         )
         return self._forgotten[:forgotten_count]
 
@@ -118,22 +140,26 @@ def _update(
     radius: float,
     oldest_stamp: float,
     stamp: float,
+    is_look: bool,
 ) -> Tuple[int, int]:
-    """Update the first `count` rows (x, y, stamp) of `points` with a scan.
+    """Update the first `count` rows of `points` with a scan.
 
     Args:
-        points: (CAPACITY_POINTS, 3) x, y [m] and stamp [s], oldest points first.
+        points: (CAPACITY_POINTS, 4) x, y [m], stamp [s] and misses, oldest points first.
         count: number of points.
         forgotten: (CAPACITY_POINTS, 2) gets the points that are forgotten [m].
         rays: the scan.
         radius: largest distance of a point from the laser [m].
         oldest_stamp: stamp below which a point is forgotten [s].
         stamp: stamp of the scan [s].
+        is_look: whether the scan counts as a look.
 
     Returns:
         Number of points, and number of rows written to `forgotten`.
     """
-    count, forgotten_count = _drop_outdated(points, count, forgotten, rays, radius, oldest_stamp)
+    count, forgotten_count = _drop_outdated(
+        points, count, forgotten, rays, radius, oldest_stamp, is_look
+    )
 
     # Make room for a hit of every beam. The oldest points are at the front.
     surplus = min(count, max(0, count + rays.ranges.shape[0] - points.shape[0]))
@@ -148,13 +174,19 @@ def _update(
 
 @kernel
 def _drop_outdated(
-    points: Array, count: int, forgotten: Array, rays: ScanRays, radius: float, oldest_stamp: float
+    points: Array,
+    count: int,
+    forgotten: Array,
+    rays: ScanRays,
+    radius: float,
+    oldest_stamp: float,
+    is_look: bool,
 ) -> Tuple[int, int]:
-    """Remove points that the scan replaces, that are too old, or that are too far from the laser.
+    """Remove points that the scan replaces or disproves, that are too old, or too far away.
 
     Returns:
-        Number of points that stay, and number of rows written to `forgotten`. Replaced points are
-        not forgotten.
+        Number of points that stay, and number of rows written to `forgotten`. Replaced and
+        disproved points are not forgotten.
     """
     kept_count = 0
     forgotten_count = 0
@@ -162,7 +194,10 @@ def _drop_outdated(
         x = points[index, 0]
         y = points[index, 1]
         stamp = points[index, 2]
-        if _is_measured(x, y, rays):
+        misses = points[index, 3]
+        finding = _finding(x, y, rays)
+        misses += is_look and finding == MISSED
+        if finding == REPLACED or misses >= MISSES:
             continue
         offset_x = x - rays.x
         offset_y = y - rays.y
@@ -171,7 +206,7 @@ def _drop_outdated(
             forgotten[forgotten_count] = x, y
             forgotten_count += 1
             continue
-        points[kept_count] = x, y, stamp
+        points[kept_count] = x, y, stamp, misses
         kept_count += 1
     return kept_count, forgotten_count
 
@@ -194,7 +229,7 @@ def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: f
         if apart_x**2 + apart_y**2 < SPACING_M * SPACING_M:
             continue
         if count < points.shape[0]:
-            points[count] = x, y, stamp
+            points[count] = x, y, stamp, 0.0
             count += 1
         last_x = x
         last_y = y
@@ -202,17 +237,18 @@ def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: f
 
 
 @kernel
-def _is_measured(x: float, y: float, rays: ScanRays) -> bool:
-    """Return whether a scan replaces a point.
+def _finding(x: float, y: float, rays: ScanRays) -> int:
+    """Return what a scan shows of a point: REPLACED, MISSED or UNSEEN.
 
-    That is so if a beam ends at the point, or if three neighbouring beams pass it. False if the
-    scanner cannot see the point, because the point is out of range or may stand between two beams.
+    REPLACED: a beam ends at the point, or three neighbouring beams return from behind it. MISSED:
+    three neighbouring beams pass the point, but not all of them return. UNSEEN: the scanner cannot
+    see the point, because the point is out of range or may stand between two beams.
     """
     offset_x = x - rays.x
     offset_y = y - rays.y
     distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
     if distance < rays.range_min:
-        return False
+        return UNSEEN
 
     # Half an increment turns the fractional index into that of the nearest beam.
     beam_count = rays.ranges.shape[0]
@@ -220,24 +256,28 @@ def _is_measured(x: float, y: float, rays: ScanRays) -> bool:
     first_edge = rays.angle_min - 0.5 * rays.increment
     nearest_beam = int(math.floor(beam_at(first_edge, rays.increment, bearing)))
     if nearest_beam >= beam_count:
-        return False
+        return UNSEEN
     if abs(rays.ranges[nearest_beam] - distance) < SPACING_M:
-        return True
+        return REPLACED
     at_an_end = nearest_beam == 0 or nearest_beam == beam_count - 1
     if at_an_end and not covers_full_turn(beam_count, rays.increment):
-        return False
+        return UNSEEN
 
-    # A nearer hit beside the point may hide it, and an invalid range shows nothing. Beyond the
-    # distance at which beams are THIN_M apart, the point may stand between them, unless a beam has
-    # met it.
-    thin_distance = THIN_M / abs(rays.increment)
-    is_met = distance < min(rays.range_max, thin_distance)
+    # A nearer hit beside the point may hide it, and an invalid range shows nothing.
+    is_met = False
+    all_return = True
     for beam in range(nearest_beam - 1, nearest_beam + 2):
         measured = rays.ranges[beam % beam_count]
         if not measured >= rays.range_min or measured < distance - TOLERANCE_M:
-            return False
+            return UNSEEN
         is_met |= measured < distance + TOLERANCE_M
-    return is_met
+        all_return &= measured < rays.range_max
+    if is_met:
+        return REPLACED
+    # Beyond the distance at which beams are THIN_M apart, the point may stand between them.
+    if distance >= min(rays.range_max, THIN_M / abs(rays.increment)):
+        return UNSEEN
+    return REPLACED if all_return else MISSED
 
 
 class SeenSpace:
