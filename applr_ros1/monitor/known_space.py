@@ -104,6 +104,21 @@ class ObstacleMemory:
         )
         return self._forgotten[:forgotten_count]
 
+    def doubt(self, x: Array, y: Array, radius: Array) -> None:
+        """Let a single look without a return disprove the points on what moves.
+
+        Otherwise what passes would leave a trail wherever nothing behind it returns.
+
+        Args:
+            x: (k,) centres of discs, as y [m].
+            y: (k,)
+            radius: (k,) radii of the discs [m].
+        """
+        points = self._points[: self._count]
+        for disc_x, disc_y, disc_radius in zip(x, y, radius):
+            distances = np.hypot(points[:, 0] - disc_x, points[:, 1] - disc_y)
+            points[distances < disc_radius, 3] = MISSES - 1
+
     def around(self, pose: Pose, reach: float) -> Array:
         """Return the points (k, 2) [m] near a robot, in the robot's frame.
 
