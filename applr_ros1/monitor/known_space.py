@@ -172,58 +172,26 @@ def _update(
     Returns:
         Number of points, and number of rows written to `forgotten`.
     """
-    count, forgotten_count = _drop_outdated(
-        points, count, forgotten, rays, radius, oldest_stamp, is_look
-    )
-
-    # Make room for a hit of every beam. The oldest points are at the front.
-    surplus = min(count, max(0, count + rays.ranges.shape[0] - points.shape[0]))
-    count -= surplus
-    forgotten[forgotten_count : forgotten_count + surplus] = points[:surplus, :2]
-    for index in range(count):
-        points[index] = points[index + surplus]
-
-    count = _add_hits(points, count, rays, radius, stamp)
-    return count, forgotten_count + surplus
-
-
-@kernel
-def _drop_outdated(
-    points: Array,
-    count: int,
-    forgotten: Array,
-    rays: ScanRays,
-    radius: float,
-    oldest_stamp: float,
-    is_look: bool,
-) -> Tuple[int, int]:
-    """Remove points that the scan replaces or disproves, that are too old, or too far away.
-
-    Returns:
-        Number of points that stay, and number of rows written to `forgotten`. Replaced and
-        disproved points are not forgotten.
-    """
+    # Number of the oldest points, at the front, that make room for a hit of every beam.
+    surplus = count + rays.ranges.shape[0] - points.shape[0]
     kept_count = 0
     forgotten_count = 0
     for index in range(count):
         x = points[index, 0]
         y = points[index, 1]
-        stamp = points[index, 2]
-        misses = points[index, 3]
         finding = _finding(x, y, rays)
-        misses += is_look and finding == MISSED
+        misses = points[index, 3] + (is_look and finding == MISSED)
         if finding == REPLACED or misses >= MISSES:
             continue
-        offset_x = x - rays.x
-        offset_y = y - rays.y
-        is_far = offset_x**2 + offset_y**2 > radius * radius
-        if is_far or stamp < oldest_stamp:
+        is_far = (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius
+        if is_far or index < surplus or points[index, 2] < oldest_stamp:
             forgotten[forgotten_count] = x, y
             forgotten_count += 1
             continue
-        points[kept_count] = x, y, stamp, misses
+        points[kept_count] = points[index]
+        points[kept_count, 3] = misses
         kept_count += 1
-    return kept_count, forgotten_count
+    return _add_hits(points, kept_count, rays, radius, stamp), forgotten_count
 
 
 @kernel
@@ -231,14 +199,11 @@ def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: f
     """Append the hits of a scan that are SPACING_M apart, and return the number of points."""
     last_x = np.inf
     last_y = np.inf
+    reach = min(rays.range_max, radius)
     for beam in range(rays.ranges.shape[0]):
-        if not rays.range_min <= rays.ranges[beam] < rays.range_max:
+        if not rays.range_min <= rays.ranges[beam] < reach:
             continue
         x, y = end_point(rays, beam)
-        offset_x = x - rays.x
-        offset_y = y - rays.y
-        if offset_x**2 + offset_y**2 > radius * radius:
-            continue
         apart_x = x - last_x
         apart_y = y - last_y
         if apart_x**2 + apart_y**2 < SPACING_M * SPACING_M:
