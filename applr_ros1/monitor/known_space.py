@@ -30,7 +30,7 @@ THIN_M = 0.02
 # A look is a scan from another place than the previous look, or later: scans from one place miss a
 # dark surface together. Distance [m] and time [s] from one look to the next.
 LOOK_M = 0.05
-LOOK_S = 0.5
+LOOK_S = 3.0
 # Number of looks in a row without a return that disprove a point. A surface that returns nothing in
 # half of the scans is missed by that many once in a million.
 MISSES = 20
@@ -105,7 +105,7 @@ class ObstacleMemory:
         return self._forgotten[:forgotten_count]
 
     def doubt(self, x: Array, y: Array, radius: Array) -> None:
-        """Let a single look without a return disprove the points on what moves.
+        """Let a single scan without a return disprove the points on what moves.
 
         Otherwise what passes would leave a trail wherever nothing behind it returns.
 
@@ -117,7 +117,7 @@ class ObstacleMemory:
         points = self._points[: self._count]
         for disc_x, disc_y, disc_radius in zip(x, y, radius):
             distances = np.hypot(points[:, 0] - disc_x, points[:, 1] - disc_y)
-            points[distances < disc_radius, 3] = MISSES - 1
+            points[distances < disc_radius, 3] = MISSES
 
     def around(self, pose: Pose, reach: float) -> Array:
         """Return the points (k, 2) [m] near a robot, in the robot's frame.
@@ -181,7 +181,7 @@ def _update(
         y = points[index, 1]
         finding = _finding(x, y, rays)
         misses = points[index, 3] + (is_look and finding == MISSED)
-        if finding == REPLACED or misses >= MISSES:
+        if finding == REPLACED or (finding == MISSED and misses >= MISSES):
             continue
         is_far = (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius
         if is_far or index < surplus or points[index, 2] < oldest_stamp:

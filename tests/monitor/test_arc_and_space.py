@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.known_space import CELL_M, MISSES, ObstacleMemory, SeenSpace
+from applr_ros1.monitor.known_space import CELL_M, LOOK_S, MISSES, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.stopping import BaseMotion, Braking
@@ -334,7 +334,7 @@ def test_points_are_cleared_only_from_a_distance_at_which_they_are_visible(beams
             ranges[beams // 2 - 1 : beams // 2 + 1] = 0.9
         for _ in range(scans):
             memory.update(scan_of([], (x, 0.0, 0.0), stamp, ranges=ranges, **geometry))
-            stamp += 1.0
+            stamp += LOOK_S
         point_counts.append(len(memory.points))
     measured, from_afar, from_nearby = point_counts
     assert measured == from_afar > 0
