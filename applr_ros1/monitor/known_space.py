@@ -3,9 +3,11 @@
 CollisionMonitor holds one ObstacleMemory per laser and one SeenSpace. Every scanner has blind
 regions: a scanner with 270 degrees does not cover the rear, and obstacles occlude what lies behind
 them. Obstacle points are kept in the frame of ScanMatcher's poses until they are measured again,
-seen through, too far away or too old. Space is unknown if neither a scan nor the body has covered
-it, or if a point in it was forgotten. In unknown space the monitor limits the robot to creep speed
-(safe_scale in stopping.py looks the cells up).
+disproved, too far away or too old. Returns from behind a point disprove it at once. A beam without
+a return does not, because dark and glossy surfaces return nothing in some scans: only MISSES looks
+in a row disprove a point without anything behind it. Space is unknown if neither a scan nor the
+body has covered it, or if a point in it was forgotten. In unknown space the monitor limits the
+robot to creep speed (safe_scale in stopping.py looks the cells up).
 """
 
 import math
@@ -25,6 +27,13 @@ SPACING_M = 0.015  # smallest distance between stored points of neighbouring bea
 TOLERANCE_M = 0.08
 # Spacing of neighbouring beams beyond which an obstacle may stand between them unseen [m].
 THIN_M = 0.02
+# A look is a scan from another place than the previous look, or later: scans from one place miss a
+# dark surface together. Distance [m] and time [s] from one look to the next.
+LOOK_M = 0.05
+LOOK_S = 3.0
+# Number of looks in a row without a return that disprove a point. A surface that returns nothing in
+# half of the scans is missed by that many once in a million.
+MISSES = 20
 CELL_M = 0.05  # side of a cell of the grid of observed space [m]
 # Distance from the body within which the centre of a touched cell may lie [m].
 TOUCHED_M = 0.71 * CELL_M
@@ -33,6 +42,11 @@ BEHIND_M = 0.1
 # Distance from the scanner up to which a scan observes space [m]. It exceeds all stopping
 # distances.
 SHOWN_M = 2.5
+
+# What a scan shows of a point (_finding).
+UNSEEN = 0
+MISSED = 1
+REPLACED = 2
 
 
 class ObstacleMemory:
@@ -46,9 +60,10 @@ class ObstacleMemory:
     def __init__(self, radius: float = 8.0, seconds: float = 300.0):
         self.radius = float(radius)
         self.seconds = float(seconds)
-        self._points = np.zeros((CAPACITY_POINTS, 3))
+        # x, y [m], stamp of the last hit [s], and number of looks that missed the point since then.
+        self._points = np.zeros((CAPACITY_POINTS, 4))
         self._forgotten = np.empty((CAPACITY_POINTS, 2))
-        self._count = 0
+        self.clear()
 
     @property
     def points(self) -> np.ndarray:
@@ -58,29 +73,51 @@ class ObstacleMemory:
     def clear(self) -> None:
         """Forget all points, for instance after the odometry was reset."""
         self._count = 0
+        self._last_look = (-math.inf, 0.0, 0.0)  # stamp [s] and place x, y of the laser [m]
 
     def update(self, scan: LaserScan) -> np.ndarray:
-        """Add the points of a scan in the fixed frame, and remove the points that it sees through.
+        """Add the points of a scan in the fixed frame, and remove the points that it disproves.
 
-        Beams outside [range_min, range_max] add no point. Ranges of +inf and beyond the radius
-        clear points in front of them. NaN, -inf and ranges below range_min neither add nor clear,
-        because they measure nothing (REP 117).
+        Beams outside [range_min, range_max) add no point. NaN, -inf and ranges below range_min do
+        not disprove points, either, because they measure nothing (REP 117).
 
         Returns:
             (k, 2) the points [m] that were forgotten because of their age, their distance or a full
             memory. No scan has shown that they are gone.
         """
         stamp = float(scan.stamp)
+        rays = rays_of(scan)
+        look_stamp, look_x, look_y = self._last_look
+        is_moved = math.hypot(rays.x - look_x, rays.y - look_y) >= LOOK_M
+        is_look = is_moved or stamp - look_stamp >= LOOK_S
+        if is_look:
+            self._last_look = stamp, rays.x, rays.y
         self._count, forgotten_count = _update(
             self._points,
             self._count,
             self._forgotten,
-            rays_of(scan),
+            rays,
             self.radius,
             stamp - self.seconds,
             stamp,
+            is_look,
         )
         return self._forgotten[:forgotten_count]
+
+    def doubt(self, x: Array, y: Array, radius: Array) -> None:
+        """Let a single scan without a return disprove the points on what moves.
+
+        Otherwise what passes would leave a trail wherever nothing behind it returns.
+
+        Args:
+            x: (k,) centres of discs, as y [m].
+            y: (k,)
+            radius: (k,) radii of the discs [m].
+        """
+        points = self._points[: self._count]
+        for disc_x, disc_y, disc_radius in zip(x, y, radius):
+            distances = np.hypot(points[:, 0] - disc_x, points[:, 1] - disc_y)
+            points[distances < disc_radius, 3] = MISSES
 
     def around(self, pose: Pose, reach: float) -> Array:
         """Return the points (k, 2) [m] near a robot, in the robot's frame.
@@ -118,62 +155,43 @@ def _update(
     radius: float,
     oldest_stamp: float,
     stamp: float,
+    is_look: bool,
 ) -> Tuple[int, int]:
-    """Update the first `count` rows (x, y, stamp) of `points` with a scan.
+    """Update the first `count` rows of `points` with a scan.
 
     Args:
-        points: (CAPACITY_POINTS, 3) x, y [m] and stamp [s], oldest points first.
+        points: (CAPACITY_POINTS, 4) x, y [m], stamp [s] and misses, oldest points first.
         count: number of points.
         forgotten: (CAPACITY_POINTS, 2) gets the points that are forgotten [m].
         rays: the scan.
         radius: largest distance of a point from the laser [m].
         oldest_stamp: stamp below which a point is forgotten [s].
         stamp: stamp of the scan [s].
+        is_look: whether the scan counts as a look.
 
     Returns:
         Number of points, and number of rows written to `forgotten`.
     """
-    count, forgotten_count = _drop_outdated(points, count, forgotten, rays, radius, oldest_stamp)
-
-    # Make room for a hit of every beam. The oldest points are at the front.
-    surplus = min(count, max(0, count + rays.ranges.shape[0] - points.shape[0]))
-    count -= surplus
-    forgotten[forgotten_count : forgotten_count + surplus] = points[:surplus, :2]
-    for index in range(count):
-        points[index] = points[index + surplus]
-
-    count = _add_hits(points, count, rays, radius, stamp)
-    return count, forgotten_count + surplus
-
-
-@kernel
-def _drop_outdated(
-    points: Array, count: int, forgotten: Array, rays: ScanRays, radius: float, oldest_stamp: float
-) -> Tuple[int, int]:
-    """Remove points that the scan replaces, that are too old, or that are too far from the laser.
-
-    Returns:
-        Number of points that stay, and number of rows written to `forgotten`. Replaced points are
-        not forgotten.
-    """
+    # Number of the oldest points, at the front, that make room for a hit of every beam.
+    surplus = count + rays.ranges.shape[0] - points.shape[0]
     kept_count = 0
     forgotten_count = 0
     for index in range(count):
         x = points[index, 0]
         y = points[index, 1]
-        stamp = points[index, 2]
-        if _is_measured(x, y, rays):
+        finding = _finding(x, y, rays)
+        misses = points[index, 3] + (is_look and finding == MISSED)
+        if finding == REPLACED or (finding == MISSED and misses >= MISSES):
             continue
-        offset_x = x - rays.x
-        offset_y = y - rays.y
-        is_far = offset_x**2 + offset_y**2 > radius * radius
-        if is_far or stamp < oldest_stamp:
+        is_far = (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius
+        if is_far or index < surplus or points[index, 2] < oldest_stamp:
             forgotten[forgotten_count] = x, y
             forgotten_count += 1
             continue
-        points[kept_count] = x, y, stamp
+        points[kept_count] = points[index]
+        points[kept_count, 3] = misses
         kept_count += 1
-    return kept_count, forgotten_count
+    return _add_hits(points, kept_count, rays, radius, stamp), forgotten_count
 
 
 @kernel
@@ -181,20 +199,17 @@ def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: f
     """Append the hits of a scan that are SPACING_M apart, and return the number of points."""
     last_x = np.inf
     last_y = np.inf
+    reach = min(rays.range_max, radius)
     for beam in range(rays.ranges.shape[0]):
-        if not rays.range_min <= rays.ranges[beam] < rays.range_max:
+        if not rays.range_min <= rays.ranges[beam] < reach:
             continue
         x, y = end_point(rays, beam)
-        offset_x = x - rays.x
-        offset_y = y - rays.y
-        if offset_x**2 + offset_y**2 > radius * radius:
-            continue
         apart_x = x - last_x
         apart_y = y - last_y
         if apart_x**2 + apart_y**2 < SPACING_M * SPACING_M:
             continue
         if count < points.shape[0]:
-            points[count] = x, y, stamp
+            points[count] = x, y, stamp, 0.0
             count += 1
         last_x = x
         last_y = y
@@ -202,17 +217,18 @@ def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: f
 
 
 @kernel
-def _is_measured(x: float, y: float, rays: ScanRays) -> bool:
-    """Return whether a scan replaces a point.
+def _finding(x: float, y: float, rays: ScanRays) -> int:
+    """Return what a scan shows of a point: REPLACED, MISSED or UNSEEN.
 
-    That is so if a beam ends at the point, or if three neighbouring beams pass it. False if the
-    scanner cannot see the point, because the point is out of range or may stand between two beams.
+    REPLACED: a beam ends at the point, or three neighbouring beams return from behind it. MISSED:
+    three neighbouring beams pass the point, but not all of them return. UNSEEN: the scanner cannot
+    see the point, because the point is out of range or may stand between two beams.
     """
     offset_x = x - rays.x
     offset_y = y - rays.y
     distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
     if distance < rays.range_min:
-        return False
+        return UNSEEN
 
     # Half an increment turns the fractional index into that of the nearest beam.
     beam_count = rays.ranges.shape[0]
@@ -220,24 +236,28 @@ def _is_measured(x: float, y: float, rays: ScanRays) -> bool:
     first_edge = rays.angle_min - 0.5 * rays.increment
     nearest_beam = int(math.floor(beam_at(first_edge, rays.increment, bearing)))
     if nearest_beam >= beam_count:
-        return False
+        return UNSEEN
     if abs(rays.ranges[nearest_beam] - distance) < SPACING_M:
-        return True
+        return REPLACED
     at_an_end = nearest_beam == 0 or nearest_beam == beam_count - 1
     if at_an_end and not covers_full_turn(beam_count, rays.increment):
-        return False
+        return UNSEEN
 
-    # A nearer hit beside the point may hide it, and an invalid range shows nothing. Beyond the
-    # distance at which beams are THIN_M apart, the point may stand between them, unless a beam has
-    # met it.
-    thin_distance = THIN_M / abs(rays.increment)
-    is_met = distance < min(rays.range_max, thin_distance)
+    # A nearer hit beside the point may hide it, and an invalid range shows nothing.
+    is_met = False
+    all_return = True
     for beam in range(nearest_beam - 1, nearest_beam + 2):
         measured = rays.ranges[beam % beam_count]
         if not measured >= rays.range_min or measured < distance - TOLERANCE_M:
-            return False
+            return UNSEEN
         is_met |= measured < distance + TOLERANCE_M
-    return is_met
+        all_return &= measured < rays.range_max
+    if is_met:
+        return REPLACED
+    # Beyond the distance at which beams are THIN_M apart, the point may stand between them.
+    if distance >= min(rays.range_max, THIN_M / abs(rays.increment)):
+        return UNSEEN
+    return REPLACED if all_return else MISSED
 
 
 class SeenSpace:

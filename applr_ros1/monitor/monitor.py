@@ -21,6 +21,7 @@ from applr_ros1.monitor.matched_frame import MatchedFrame
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
+    ON_MOVER_M,
     Discs,
     tracked_discs,
     without_movers,
@@ -269,6 +270,7 @@ class CollisionMonitor:
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
         self.seen.forget(laser.memory.update(scan))
+        laser.memory.doubt(movers.x, movers.y, movers.radius + ON_MOVER_M)
         self.seen.update(scan)
         return laser.fault
 

@@ -69,7 +69,6 @@ class ScannerCheck:
         """Forget all scans, for instance after the odometry was reset."""
         self._last: Optional[ScanRays] = None  # last scan with hits
         self._doubted = np.zeros(0, bool)  # mask of the beams of failed sectors
-        self._has_doubts = False  # whether there is a failed sector
         self._forget_image()
 
     def fault(self, scan: LaserScan) -> str:
@@ -87,7 +86,6 @@ class ScannerCheck:
 
         if len(self._doubted) != beam_count or not counts.hits:
             self._doubted = np.zeros(beam_count, bool)
-            self._has_doubts = False
         if not counts.hits:
             self._forget_image()
             _, expected_hits = self._expected(rays)
@@ -97,13 +95,11 @@ class ScannerCheck:
             return f"the scanner returns no hit, but {points} are in range"
 
         has_wide_gap = counts.widest_gap * abs(rays.increment) >= SECTOR_RAD
-        if has_wide_gap or self._has_doubts:
+        if has_wide_gap or self._doubted.any():
             expected = self._doubted
             if has_wide_gap:
                 expected, _ = self._expected(rays)
-            self._has_doubts = _doubt(
-                rays.ranges, rays.range_max, rays.increment, expected, self._doubted
-            )
+            _doubt(rays.ranges, rays.range_max, rays.increment, expected, self._doubted)
 
         problem = self._frozen(rays.ranges, scan.sensor_pose)
         if counts.hits >= ENOUGH_HITS:
@@ -114,7 +110,7 @@ class ScannerCheck:
 
     def believed(self, scan: LaserScan) -> LaserScan:
         """Return the latest scan with NaN for failed sectors, until these return hits again."""
-        if not self._has_doubts:
+        if not self._doubted.any():
             return scan
         return replace(scan, ranges=np.where(self._doubted, np.float32(np.nan), scan.ranges))
 
@@ -242,7 +238,7 @@ def _doubt(
     increment: float,
     expected: np.ndarray,
     doubted: np.ndarray,
-) -> bool:
+) -> None:
     """Mark the beams of each wide sector that has failed.
 
     A sector without returns has failed if STOOD_SHARE of its beams were expected to return.
@@ -254,9 +250,6 @@ def _doubt(
         expected: (n,) bool, whether a beam pointed to a hit of the previous scan.
         doubted: (n,) bool, updated: set for the beams of failed sectors, cleared for beams that
             return again.
-
-    Returns:
-        Whether any beam is marked.
     """
     beam_count = ranges.shape[0]
     # In a full turn a sector may continue across the ends: start at a beam with a return.
@@ -283,4 +276,3 @@ def _doubt(
             doubted[beam] = False
         sector_start = step + 1
         expected_beams = 0
-    return bool(doubted.any())

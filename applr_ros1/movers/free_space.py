@@ -101,7 +101,9 @@ def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
 
 
 @kernel
-def sees_through(depth: Array32, fan: Fan, x: float, y: float, bearing_error: float) -> bool:
+def sees_through(
+    depth: Array32, fan: Fan, x: float, y: float, bearing_error: float, longest: float = math.inf
+) -> bool:
     """Return whether all beams of a scan that pass near the point (x, y) [m] continue beyond it.
 
     Args:
@@ -110,6 +112,7 @@ def sees_through(depth: Array32, fan: Fan, x: float, y: float, bearing_error: fl
         x: x of the point [m].
         y: y of the point [m].
         bearing_error: possible bearing error beyond TURNED_RAD [rad].
+        longest: free depth from which on a beam counts as unknown [m].
     """
     offset_x = x - fan.x
     offset_y = y - fan.y
@@ -136,7 +139,7 @@ def sees_through(depth: Array32, fan: Fan, x: float, y: float, bearing_error: fl
     known_beams = 0
     for beam in range(first_beam, last_beam + 1):
         free_depth = depth[beam % fan.beams]
-        if free_depth > 0.0:
+        if 0.0 < free_depth < longest:
             known_beams += 1
             if free_depth < distance + DEEP_M:
                 return False

@@ -289,7 +289,9 @@ def follow(
         if track.id == 0:
             continue
         if cluster_of[track_index] < 0:
-            track.gone += sees_through(depth, fan, track.x, track.y, 0.0)
+            # Dark clothes return nothing in some scans: only returns from behind show that it is
+            # gone.
+            track.gone += sees_through(depth, fan, track.x, track.y, 0.0, fan.range_max)
             longest_time = HIDDEN_S if track.moves else LOST_S
             if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest_time:
                 track.id = 0

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
+from applr_ros1.monitor.known_space import CELL_M, LOOK_S, MISSES, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.stopping import BaseMotion, Braking
@@ -327,12 +327,14 @@ def test_points_are_cleared_only_from_a_distance_at_which_they_are_visible(beams
     point_counts = []
     # The post is measured, then looked for from 4 m away, where a beam may miss it or not reach
     # it, and then from nearby.
-    for stamp, x in enumerate((0.0, -4.0, 0.5)):
+    stamp = 0.0
+    for x, scans in ((0.0, 1), (-4.0, MISSES), (0.5, MISSES)):
         ranges = np.full(beams, np.inf, np.float32)
-        if stamp == 0:
+        if x == 0.0:
             ranges[beams // 2 - 1 : beams // 2 + 1] = 0.9
-        scan = scan_of([], (x, 0.0, 0.0), float(stamp), ranges=ranges, **geometry)
-        memory.update(scan)
+        for _ in range(scans):
+            memory.update(scan_of([], (x, 0.0, 0.0), stamp, ranges=ranges, **geometry))
+            stamp += LOOK_S
         point_counts.append(len(memory.points))
     measured, from_afar, from_nearby = point_counts
     assert measured == from_afar > 0

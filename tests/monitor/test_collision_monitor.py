@@ -264,22 +264,57 @@ def test_occluded_points_are_kept():
 
 
 @pytest.mark.parametrize(
-    ("beside", "kept"),
+    ("beside", "measured", "kept"),
     [
-        (-1, 1),
-        (1, 1),
-        (2, 0),
+        (-1, 0.5, 1),
+        (1, 0.5, 1),
+        (2, 0.5, 0),
+        (-1, math.inf, 1),
+        (0, math.inf, 1),
+        (1, math.inf, 1),
+        (2, math.inf, 0),
+        # Some drivers report range_max for a beam without a return.
+        (0, 30.0, 1),
     ],
 )
-def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, kept):
+def test_a_point_is_cleared_at_once_only_if_three_beams_return_from_behind(beside, measured, kept):
     # A beam may pass beside a thin post, so both of its neighbours must pass, too.
     with_post = np.full(360, 1.4, np.float32)
-    nearer_beside = with_post.copy()
+    changed_beside = with_post.copy()
     with_post[180] = 1.0
-    nearer_beside[180 + beside] = 0.5
-    distances = distances_from_laser(updated_memory(with_post, nearer_beside))
+    changed_beside[180 + beside] = measured
+    distances = distances_from_laser(updated_memory(with_post, changed_beside))
     is_at_post = np.abs(distances - 1.0) < 0.01
     assert np.sum(is_at_post) == kept
+
+
+@pytest.mark.parametrize(
+    ("period", "step", "hits", "gone_after"),
+    [
+        pytest.param(3.0, 0.0, [0], 20, id="at rest"),
+        pytest.param(0.75, 0.0, [0], 80, id="at rest, with a fast laser"),
+        pytest.param(0.01, 0.06, [0], 20, id="driving"),
+        pytest.param(0.01, 0.03, [0], 40, id="driving, with a fast laser"),
+        pytest.param(3.0, 0.0, range(0, 100, 15), None, id="one hit in fifteen scans"),
+    ],
+)
+def test_a_point_that_twenty_looks_in_a_row_miss_is_cleared(period, step, hits, gone_after):
+    """Nothing is behind the post. Looks are three seconds or 5 cm apart.
+
+    Scans arrive every `period` [s] from places `step` [m] apart. Those in `hits` show the post.
+    """
+    memory = ObstacleMemory()
+    missed = np.full(360, np.inf, np.float32)
+    measured = missed.copy()
+    measured[50] = 0.78  # half a metre ahead of the middle of the drive
+    first_missing = None
+    for count in range(100):
+        pose = (0.0, step * count - 0.6, 0.0)
+        ranges = measured if count in hits else missed
+        memory.update(scan_of([], pose, period * count, ranges=ranges, **TURN))
+        if first_missing is None and not len(memory.points):
+            first_missing = count
+    assert first_missing == gone_after
 
 
 @pytest.mark.parametrize(("distance", "is_kept"), [(0.08, True), (0.12, False)])
@@ -834,7 +869,9 @@ def test_remembered_obstacles_block_the_robot_until_a_scan_clears_them():
     for time in np.arange(4.0, 104.0, 1.0):
         monitor.add_scan(scan_of(obstacles, HERE, time))
         assert verdict_on(monitor, -0.5, time).blocked
-    monitor.add_scan(scan_of(posts(0), BEHIND, 104.0))
+    # The wall is seen where the posts were.
+    wall_behind = across(-1.5, -3.0, 3.0, 0.04)
+    monitor.add_scan(scan_of([*posts(0), *wall_behind], BEHIND, 104.0))
     monitor.add_scan(scan_of(posts(0), HERE, 104.1))
     assert verdict_on(monitor, -0.5, 104.1).action == PASS
 

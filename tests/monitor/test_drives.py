@@ -48,10 +48,12 @@ def drive(
     cylinders=WALLS,
     seconds=7.0,
     simulator_name="kinematic",
+    measured=None,
 ):
     """Return the Drive of a monitored robot.
 
     `commands` yields (time [s], (v, w)). `late` is the age of scan, pose and twist on arrival [s].
+    `measured`, if any, changes each LaserScan.
     """
     simulator = sim_bridge.make(simulator_name, robot=robot)
     monitor = CollisionMonitor()
@@ -72,6 +74,8 @@ def drive(
             ranges=simulator.scan(),
             sensor_pose=compose(state.odom_pose, laser.pose),
         )
+        if measured:
+            scan = measured(scan)
         on_the_way.append((state, scan))
         # Scan and pose arrive together, after `late`.
         while on_the_way and on_the_way[0][1].stamp <= state.time - late + 1e-9:
@@ -148,6 +152,47 @@ def test_no_command_sequence_hits_a_wall(commands, late, seeds):
     assert max(driven.contact_speed for driven in drives) <= TOUCHED_M_S
     # A monitor that lets nothing pass would hit nothing, either.
     assert min(driven.fastest for driven in drives) > 0.6
+
+
+def without_returns(share, seed, nearer):
+    """Return a function that takes away the returns nearer than `nearer` [m] straight ahead.
+
+    It does so in a share of the scans.
+    """
+    rng = np.random.default_rng(seed)
+
+    def measured(scan):
+        if rng.random() >= share:
+            return scan
+        x, y, yaw = scan.sensor_pose
+        bearings = yaw + scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+        is_dark = abs(y + scan.ranges * np.sin(bearings)) < 0.5
+        is_dark &= x + scan.ranges * np.cos(bearings) < nearer
+        return replace(scan, ranges=np.where(is_dark, np.float32(np.inf), scan.ranges))
+
+    return measured
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.5])
+@pytest.mark.parametrize(
+    ("post", "nearer"),
+    [
+        pytest.param((3.0, 0.0, 0.05), 4.0, id="a post"),
+        pytest.param((9.0, 0.0, 0.05), 9.0, id="the wall"),
+    ],
+)
+def test_what_returns_nothing_in_some_scans_is_not_hit(share, post, nearer):
+    """A dark post stands before the wall, or a metre of the wall is dark."""
+    for seed in (0, 1, 2):
+        driven = drive(
+            in_turn(0.05, (2.0, 0.0)),
+            seed,
+            cylinders=[post, *WALLS],
+            seconds=4.0,
+            measured=without_returns(share, seed, nearer),
+        )
+        assert driven.contact_speed <= TOUCHED_M_S
+        assert driven.fastest > 1.5
 
 
 @pytest.mark.heavy

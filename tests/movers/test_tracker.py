@@ -375,10 +375,29 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
         """Return the obstacle until it vanishes in full view after a second."""
         return crosses(time) if time < 1.0 else ()
 
-    # Scans come at 20 Hz: it is dropped within 0.15 s.
-    mover_counts = counts(Scene(boxes=wall).watch(2.0, movers=vanishes))
+    # Scans come at 20 Hz: it is dropped within 0.15 s if the room behind it returns.
+    mover_counts = counts(Scene().watch(2.0, movers=vanishes))
     assert mover_counts[19] == 1
     assert sum(mover_counts[23:]) == 0
+    # Otherwise it may be dark, and is extrapolated.
+    open_watched = Scene(boxes=wall).watch(3.0, movers=vanishes)
+    assert 1.7 <= times_with_movers(open_watched)[-1] <= 1.8
+
+
+def test_an_obstacle_that_returns_nothing_in_half_of_the_scans_stays_tracked():
+    random = np.random.default_rng(0)
+
+    def darken(scan):
+        if random.random() < 0.5:
+            return scan
+        return replace(scan, ranges=np.where(scan.ranges < 4.0, np.inf, scan.ranges))
+
+    def crosses(time):
+        return [(2.5, -1.5 + time, 0.25)]
+
+    watched = Scene().watch(3.0, movers=crosses, distort=darken)
+    assert min(counts(watched)[20:]) == 1
+    assert len(ids_of(watched)) == 1
 
 
 def test_obstacles_that_stop_are_dropped_and_obstacles_that_start_are_detected():
