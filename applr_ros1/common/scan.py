@@ -1,15 +1,16 @@
 """Sensor readings, their projection into a costmap's frame, and sources of an obstacle layer.
 
-MoveBase and the obstacle layers use this module. Costmaps in the same frame share one projection,
-which rounds like laser_geometry and tf2. Observation sources follow
-costmap_2d/observation_buffer.cpp.
+This module alone knows what a range means: measured_ranges() reads what a driver publishes, and
+distances_of() tells what a beam has shown. Costmaps take the ranges themselves, by the rules of C++
+(project). Costmaps in the same frame share one projection, which rounds like laser_geometry and
+tf2. Observation sources follow costmap_2d/observation_buffer.cpp.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, List, Optional, Tuple, Union
 
 import numpy as np
@@ -30,7 +31,8 @@ class LaserScan:
 
     Attributes:
         stamp: Time of the scan [s].
-        ranges: (n,) float32 [m]; +inf means no return.
+        ranges: (n,) float32 [m] as in the message, but +inf for no return. All but the costmaps
+            use `distances`.
         sensor_pose: (x, y, yaw) of the laser in the costmap's frame at `stamp` [m, m, rad].
         sensor_height: z of the laser [m].
         rotation: Orientation (x, y, z, w) of a tilted or inverted laser, used instead of the yaw in
@@ -53,6 +55,11 @@ class LaserScan:
     origin: Optional[Point3D] = None
     sweep: float = 0.0
     frame: str = ""
+
+    @cached_property
+    def distances(self) -> Array32:
+        """What each beam has shown (n,) [m], as distances_of() returns it."""
+        return distances_of(self.ranges, self.range_min, self.range_max)
 
 
 @dataclass
@@ -104,6 +111,25 @@ def measured_ranges(ranges: Any, no_return: Optional[float]) -> Array32:
     if no_return is not None:
         measured[measured == np.float32(no_return)] = np.inf
     return measured
+
+
+def distances_of(ranges: Any, range_min: float, range_max: float) -> Array32:
+    """Return what the beams of a laser have shown (n,) float32 [m].
+
+    A finite distance was measured. +inf: the beam is free up to range_max. -inf: something is
+    nearer than range_min. NaN: nothing is known (REP 117; older drivers publish 0).
+
+    Args:
+        ranges: (n,) measured_ranges().
+        range_min: Smallest range that the laser measures [m].
+        range_max: Range from which on a beam has no return [m].
+    """
+    distances = np.array(ranges, dtype=np.float32)
+    distances[distances == 0.0] = np.nan
+    # Limits of double precision, because no float32 holds some drivers' range_max.
+    distances[distances < np.float64(range_min)] = -np.inf
+    distances[distances >= np.float64(range_max)] = np.inf
+    return distances
 
 
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:

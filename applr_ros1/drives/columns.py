@@ -14,6 +14,7 @@ import numpy as np
 
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.messages import frame_of, pose_of, twist_of
+from applr_ros1.common.scan import distances_of
 from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, DriveError
 from applr_ros1.monitor.monitor import action_in, action_text
 from applr_ros1.policy.decision import Seen
@@ -379,9 +380,10 @@ def _unpack_seen(message: Any) -> Seen:
     """Return the inputs of a decision."""
     tracked = message.movers
     movers = np.column_stack([tracked.x, tracked.y, tracked.vx, tracked.vy])
-    ranges = np.array(message.ranges, np.float32)
+    # The node records what the beams have shown.
+    distances = distances_of(message.ranges, 0.0, math.inf)
     return Seen(
-        scan=(ranges, message.angle_min, message.angle_increment),
+        scan=(distances, message.angle_min, message.angle_increment),
         time=message.elapsed,
         pose=(message.x, message.y, message.yaw),
         twist=(message.v, message.w),

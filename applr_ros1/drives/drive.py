@@ -12,8 +12,10 @@ from typing import Any, Dict, List, NamedTuple, Optional, Tuple, Type, TypeVar, 
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
+from applr_ros1.common.scan import distances_of
 from applr_ros1.monitor.monitor import STOP
 from applr_ros1.policy.decision import Seen
 from worlds import World
@@ -135,12 +137,17 @@ class Scans(Rows):
         stamp: (n,) times of the scans [s].
         fan: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum
             range [m].
-        ranges: Ranges (m,) float32 [m] of each scan; +inf means no return.
+        ranges: Ranges (m,) float32 [m] of each scan (LaserScan.ranges).
     """
 
     stamp: np.ndarray
     fan: np.ndarray = field(metadata={WIDTH: 4})
     ranges: List[np.ndarray]
+
+    def distances(self, row: int) -> Array32:
+        """Return what the beams of a scan have shown (m,) [m] (LaserScan.distances)."""
+        _, _, range_min, range_max = self.fan[row]
+        return distances_of(self.ranges[row], range_min, range_max)
 
 
 @dataclass

@@ -182,8 +182,5 @@ def _clearances(scans: Scans, robot: Robot) -> Clearances:
     rows_by_stamp = np.argsort(scans.stamp, kind="stable")
     smallest_ranges = []
     for scan_row in rows_by_stamp:
-        ranges = scans.ranges[scan_row]
-        # A laser without a range for no return may send 0 for it (as in Layout.resample).
-        measured = np.where(ranges == 0.0, np.nan, ranges)
-        smallest_ranges.append(nearest(measured, robot.laser.range_min))
+        smallest_ranges.append(nearest(scans.distances(scan_row), robot.laser.range_min))
     return Clearances(scans.stamp[rows_by_stamp], np.array(smallest_ranges))

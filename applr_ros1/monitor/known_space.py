@@ -201,7 +201,7 @@ def _add_hits(points: Array, count: int, rays: ScanRays, radius: float, stamp: f
     last_y = np.inf
     reach = min(rays.range_max, radius)
     for beam in range(rays.ranges.shape[0]):
-        if not rays.range_min <= rays.ranges[beam] < reach:
+        if not -np.inf < rays.ranges[beam] < reach:
             continue
         x, y = end_point(rays, beam)
         apart_x = x - last_x
@@ -248,10 +248,10 @@ def _finding(x: float, y: float, rays: ScanRays) -> int:
     all_return = True
     for beam in range(nearest_beam - 1, nearest_beam + 2):
         measured = rays.ranges[beam % beam_count]
-        if not measured >= rays.range_min or measured < distance - TOLERANCE_M:
+        if not measured >= distance - TOLERANCE_M:
             return UNSEEN
         is_met |= measured < distance + TOLERANCE_M
-        all_return &= measured < rays.range_max
+        all_return &= measured < np.inf
     if is_met:
         return REPLACED
     # Beyond the distance at which beams are THIN_M apart, the point may stand between them.

@@ -7,8 +7,6 @@ points of another.
 import math
 from typing import NamedTuple, Tuple
 
-import numpy as np
-
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
@@ -17,9 +15,9 @@ from applr_ros1.common.scan import LaserScan
 class ScanRays(NamedTuple):
     """Ranges of a scan, geometry of its beams, and pose of its laser.
 
-    ranges: (n,) float32 [m]. angle_min, increment: bearing of the first beam in the laser's frame,
-    and angle from beam to beam [rad]. range_min, range_max: limits of a hit [m]. x, y, yaw: pose of
-    the laser [m, m, rad].
+    ranges: (n,) LaserScan.distances [m]. angle_min, increment: bearing of the first beam in the
+    laser's frame, and angle from beam to beam [rad]. range_min, range_max: limits of a hit [m]. x,
+    y, yaw: pose of the laser [m, m, rad].
     """
 
     ranges: Array32
@@ -36,7 +34,7 @@ def rays_of(scan: LaserScan) -> ScanRays:
     """Return the ScanRays of a scan."""
     # A kernel is compiled for each combination of argument types, so all numbers become floats.
     return ScanRays(
-        np.ascontiguousarray(scan.ranges, dtype=np.float32),
+        scan.distances,
         float(scan.angle_min),
         float(scan.angle_increment),
         float(scan.range_min),

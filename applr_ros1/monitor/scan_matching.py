@@ -139,9 +139,8 @@ class ScanMatcher:
         Returns:
             True if the scan fits an earlier scan. Otherwise the correction does not change.
         """
-        measured_ranges = np.asarray(scan.ranges, dtype=np.float32)
-        longest_range = min(scan.range_max, REACH_M)
-        is_used = (measured_ranges >= scan.range_min) & (measured_ranges < longest_range)
+        measured_ranges = scan.distances
+        is_used = np.isfinite(measured_ranges) & (measured_ranges < REACH_M)
         used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
         stride = STRIDE_BEAMS
         if is_partial:

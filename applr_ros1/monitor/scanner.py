@@ -78,7 +78,7 @@ class ScannerCheck:
             return problem
         rays = rays_of(scan)
         beam_count = len(rays.ranges)
-        counts = _count_ranges(rays.ranges, rays.range_min, rays.range_max, rays.increment)
+        counts = _count_ranges(rays.ranges, rays.increment)
         if counts.invalid >= BLIND_SHARE * beam_count:
             share = f"{counts.invalid} of {beam_count} beams"
             limit = f"range_min {scan.range_min:g} m"
@@ -99,7 +99,7 @@ class ScannerCheck:
             expected = self._doubted
             if has_wide_gap:
                 expected, _ = self._expected(rays)
-            _doubt(rays.ranges, rays.range_max, rays.increment, expected, self._doubted)
+            _doubt(rays.ranges, rays.increment, expected, self._doubted)
 
         problem = self._frozen(rays.ranges, scan.sensor_pose)
         if counts.hits >= ENOUGH_HITS:
@@ -176,9 +176,7 @@ def geometry_fault(scan: LaserScan) -> str:
 
 
 @kernel
-def _count_ranges(
-    ranges: Array32, range_min: float, range_max: float, increment: float
-) -> RangeCounts:
+def _count_ranges(ranges: Array32, increment: float) -> RangeCounts:
     """Count the invalid ranges, the hits, and the beams of the widest gap without a return."""
     beam_count = ranges.shape[0]
     invalid = 0
@@ -188,15 +186,15 @@ def _count_ranges(
     for beam in range(beam_count):
         distance = ranges[beam]
         # +inf is a valid measurement of free space (REP 117).
-        invalid += math.isnan(distance) or distance < range_min
-        hits += range_min <= distance < range_max
-        gap = gap + 1 if distance >= range_max else 0
+        invalid += not distance > -np.inf
+        hits += np.isfinite(distance)
+        gap = gap + 1 if distance == np.inf else 0
         widest_gap = max(widest_gap, gap)
 
     # A gap may continue across the ends of a full turn.
     if covers_full_turn(beam_count, increment) and gap < beam_count:
         for beam in range(beam_count):
-            if not ranges[beam] >= range_max:
+            if ranges[beam] != np.inf:
                 break
             gap += 1
             widest_gap = max(widest_gap, gap)
@@ -219,7 +217,7 @@ def _mark_expected(old: ScanRays, new: ScanRays, mask: np.ndarray) -> int:
     last_beam = mask.shape[0] - 1
     count = 0
     for old_beam in range(old.ranges.shape[0]):
-        if not old.range_min <= old.ranges[old_beam] < old.range_max:
+        if not np.isfinite(old.ranges[old_beam]):
             continue
         x, y = end_point(old, old_beam)
         offset_x = x - new.x
@@ -234,7 +232,6 @@ def _mark_expected(old: ScanRays, new: ScanRays, mask: np.ndarray) -> int:
 @kernel
 def _doubt(
     ranges: Array32,
-    range_max: float,
     increment: float,
     expected: np.ndarray,
     doubted: np.ndarray,
@@ -245,7 +242,6 @@ def _doubt(
 
     Args:
         ranges: (n,) ranges of the scan [m].
-        range_max: range from which on a beam has no return [m].
         increment: angle from beam to beam [rad].
         expected: (n,) bool, whether a beam pointed to a hit of the previous scan.
         doubted: (n,) bool, updated: set for the beams of failed sectors, cleared for beams that
@@ -255,7 +251,7 @@ def _doubt(
     # In a full turn a sector may continue across the ends: start at a beam with a return.
     start_beam = 0
     if covers_full_turn(beam_count, increment):
-        while start_beam < beam_count - 1 and ranges[start_beam] >= range_max:
+        while start_beam < beam_count - 1 and ranges[start_beam] == np.inf:
             start_beam += 1
 
     # Steps count the beams from there. A sector ends at a beam with a return, or after the last
@@ -264,7 +260,7 @@ def _doubt(
     expected_beams = 0
     for step in range(beam_count + 1):
         beam = (start_beam + step) % beam_count
-        if step < beam_count and ranges[beam] >= range_max:
+        if step < beam_count and ranges[beam] == np.inf:
             expected_beams += expected[beam]
             continue
         sector_beams = step - sector_start

@@ -149,8 +149,7 @@ def _fill_points(scan: Scan, directions: Array) -> None:
         distance = scan.ranges[beam]
         scan.points[beam, 0] = distance * directions[beam, 0]
         scan.points[beam, 1] = distance * directions[beam, 1]
-        # Lasers whose range_min is 0 report 0 for beams without a return, too.
-        scan.is_hit[beam] = distance > 0.0 and scan.fan.range_min <= distance < scan.fan.range_max
+        scan.is_hit[beam] = np.isfinite(distance)
 
 
 @kernel
@@ -190,7 +189,7 @@ def _hides(scan: Scan, edge_beam: int, direction: int, is_full_turn: bool) -> bo
     next_beam = edge_beam + direction
     if not is_full_turn and not 0 <= next_beam < beam_count:
         return True
-    # NaN and ranges below range_min occlude, too.
+    # What is unknown or too near occludes, too.
     next_range = ranges[_index(next_beam, beam_count)]
     return not next_range >= ranges[_index(edge_beam, beam_count)]
 

@@ -89,15 +89,15 @@ def full_turn(beam_count: int, increment: float) -> bool:
     return (beam_count + GAP_BEAMS + 0.5) * abs(increment) >= 2.0 * math.pi
 
 
-def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
-    """Return the free depth of each beam of a scan (n,) float32 [m].
+def depths(distances: Array32, range_max: float) -> Array32:
+    """Return the free depth (n,) float32 [m] of each beam from LaserScan.distances.
 
-    It is 0 if it is unknown, that is for ranges below range_min and for NaN.
+    It is 0 if it is unknown.
     """
-    is_valid = ranges >= np.float64(range_min)
     # Some drivers report a range_max that no float32 holds.
     longest = min(range_max, LARGEST_FLOAT32)
-    return np.where(is_valid, np.minimum(ranges, longest), 0.0).astype(np.float32)
+    is_known = distances > -np.inf
+    return np.where(is_known, np.minimum(distances, longest), 0.0).astype(np.float32)
 
 
 @kernel

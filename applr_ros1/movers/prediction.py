@@ -113,11 +113,13 @@ class Prediction:
         entry_distance = distance_along - np.sqrt(np.maximum(half_chord2, 0.0))
         is_met = (half_chord2 > 0.0) & (distance_along > 0.0)
         nearest_distance = np.where(is_met, entry_distance, np.inf).min(axis=1, initial=np.inf)
-        return np.where(nearest_distance < scan.ranges, nearest_distance, np.inf).astype(np.float32)
+        return np.where(nearest_distance < scan.distances, nearest_distance, np.inf).astype(
+            np.float32
+        )
 
 
 def _ends_without_return(scan: LaserScan) -> Array32:
     """Return the ends (n, 3) float32 [m] of the beams without return, at FAR_M."""
-    has_no_return = scan.ranges >= scan.range_max
+    has_no_return = np.isposinf(scan.distances)
     ranges = np.where(has_no_return, np.float32(FAR_M), np.float32(np.inf))
     return project(replace(scan, ranges=ranges, range_max=2.0 * FAR_M)).points

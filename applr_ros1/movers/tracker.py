@@ -140,9 +140,9 @@ class MoverTracker:
 
     def _follow(self, scan: LaserScan, pose: Pose, interval: float) -> None:
         """Update the tracks with a scan after `interval` [s], and the correction of its pose."""
-        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        ranges = scan.distances
         fans = self._fans(scan, pose)
-        depth = depths(ranges, float(scan.range_min), float(scan.range_max))
+        depth = depths(ranges, float(scan.range_max))
         scan_clusters = self._find_clusters(scan, ranges, fans)
         cluster_of, is_taken = tracks.follow(
             self._tracks,

@@ -93,10 +93,10 @@ class Layout:
         sector, so that no obstacle is lost. A sector between two beams of a coarser scan takes the
         range of the beam nearer in angle. By REP 117 -inf (too near) is smaller than every range
         and +inf (no return) is larger. NaN (no measurement) remains only if a sector has no other
-        value. Ranges of 0, which older drivers use for no measurement, count as NaN.
+        value.
 
         Args:
-            ranges: (n,) [m].
+            ranges: (n,) LaserScan.distances [m].
             angle_min: Direction of the first range [rad], 0 straight ahead, positive to the left.
             angle_increment: Angle from one range to the next [rad]; negative if the scanner turns
                 clockwise.
@@ -105,14 +105,11 @@ class Layout:
             ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or
                 has no geometry.
         """
-        measured_ranges: Array32 = np.asarray(ranges, dtype=np.float32)
-        is_zero = measured_ranges == 0.0
-        if is_zero.any():  # Zeros must be replaced before the minimum is taken.
-            measured_ranges = np.where(is_zero, np.float32(np.nan), measured_ranges)
-        sectors = _sectors(self, len(measured_ranges), float(angle_min), float(angle_increment))
+        distances: Array32 = np.asarray(ranges, dtype=np.float32)
+        sectors = _sectors(self, len(distances), float(angle_min), float(angle_increment))
         if sectors is None:
-            return measured_ranges
-        return np.fmin.reduceat(measured_ranges[sectors.source], sectors.starts)
+            return distances
+        return np.fmin.reduceat(distances[sectors.source], sectors.starts)
 
 
 class Sectors(NamedTuple):

@@ -115,7 +115,7 @@ def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> Array32:
         return filled_ranges
     if is_missing.all():
         raise ObservationError(
-            f"all {layout.beams} beams of the scan are NaN or 0: check the laser"
+            f"all {layout.beams} beams of the scan measure nothing: check the laser"
         )
     # Capped first, because no value can be interpolated towards infinity.
     filled_ranges = np.where(is_missing, 0.0, np.clip(filled_ranges, 0.0, layout.range_cap))

@@ -257,9 +257,10 @@ def stuck(stretch: Stretch) -> str:
     moved_distance = float(distances(positions, positions[0]).max())
     if moved_distance < HELD_M:
         return ""
-    first_ranges = scans.ranges[0]
+    first_ranges = scans.distances(0)
     range_changes: List[float] = []
-    for ranges in scans.ranges[1:]:
+    for scan_row in range(1, len(scans)):
+        ranges = scans.distances(scan_row)
         # Some lasers vary the number of their beams.
         if len(ranges) != len(first_ranges):
             continue

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from applr_ros1.common.scan import beam_directions
+from applr_ros1.common.scan import beam_directions, distances_of
 from applr_ros1.movers import clusters, tracks
 from applr_ros1.movers.clusters import CLUSTER, MAX_CLUSTERS, POINTS
 from applr_ros1.movers.free_space import FAN, SCANS, depths, sees_through
@@ -54,7 +54,7 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, s
     fan = record(FAN, **SCAN)
     ranges = np.full(201, 4.0, np.float32)
     ranges[list(beams)] = value
-    depth = depths(ranges, range_min=0.1, range_max=10.0)
+    depth = depths(distances_of(ranges, 0.1, 10.0), range_max=10.0)
     offset_x = 2.0 * math.cos(fan["yaw"])
     offset_y = 2.0 * math.sin(fan["yaw"])
 
@@ -453,6 +453,6 @@ def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, interv
 
 @pytest.mark.filterwarnings("error")
 def test_a_range_max_that_no_float32_holds_is_no_limit():
-    ranges = np.array([0.05, 2.0, np.inf, np.nan], np.float32)
+    distances = distances_of([0.05, 2.0, np.inf, np.nan], 0.1, 1e300)
     longest = np.finfo(np.float32).max
-    assert depths(ranges, 0.1, 1e300).tolist() == [0.0, 2.0, longest, 0.0]
+    assert depths(distances, 1e300).tolist() == [0.0, 2.0, longest, 0.0]

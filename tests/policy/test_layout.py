@@ -91,23 +91,6 @@ def test_a_scan_with_the_layouts_geometry_is_unchanged():
     assert resampled_clockwise.tobytes() == ranges.tobytes()
 
 
-@pytest.mark.parametrize("kind", SCANNERS)
-def test_zero_ranges_of_older_drivers_count_as_nan(kind):
-    scan = scan_of(kind)
-    with_zeros = np.where(np.isnan(scan.ranges), np.float32(0.0), scan.ranges)
-    np.testing.assert_array_equal(
-        PAPER.resample(with_zeros, scan.first, scan.step),
-        PAPER.resample(*scan),
-    )
-
-
-def test_a_single_zero_range_is_nan():
-    ranges = np.ones(720)
-    ranges[5] = 0.0
-    resampled = PAPER.resample(ranges, PAPER.angle_min, PAPER.step)
-    assert np.isnan(resampled[5])
-
-
 @pytest.mark.parametrize(
     ("count", "first", "last", "line"),
     [

@@ -165,7 +165,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
         ),
         (
             lambda: observe(np.full(720, np.nan), 0.0, THETA_0),
-            "all 720 beams of the scan are NaN or 0",
+            "all 720 beams of the scan measure nothing",
         ),
         (
             lambda: observe(np.ones(719), 0.0, THETA_0),
@@ -275,9 +275,9 @@ def test_the_local_goal_is_that_of_the_layout_and_without_a_plan_the_goal(lookah
 
 
 def test_a_blind_scan_is_refused_whether_or_not_a_method_looks_at_it():
-    blind = seen_with([], ranges=0.0)
+    blind = seen_with([], ranges=np.nan)
     refused(
-        lambda: Context.of(THETA_0, blind, SPACE, LAYOUT), "are NaN or 0", kind=ObservationError
+        lambda: Context.of(THETA_0, blind, SPACE, LAYOUT), "measure nothing", kind=ObservationError
     )
 
 

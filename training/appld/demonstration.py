@@ -142,8 +142,8 @@ def policy_scans(demonstration: Demonstration, robot: Robot) -> np.ndarray:
     first_angle, increment = recorded_scans.fan[0, :2].tolist()
     direction = first_angle + robot.laser.pose[2]
     scans = []
-    for ranges in recorded_scans.ranges:
-        scans.append(layout.resample(ranges, direction, increment))
+    for scan_row in range(len(recorded_scans)):
+        scans.append(layout.resample(recorded_scans.distances(scan_row), direction, increment))
     return np.array(scans)
 
 

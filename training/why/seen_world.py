@@ -128,16 +128,12 @@ def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> DriveBeams:
 
 def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> DriveBeams:
     """Return beams of one scan."""
-    first_angle, increment, range_min, range_max = scans.fan[row]
+    first_angle, increment, _, range_max = scans.fan[row]
     # Neighbouring beams of a fine scan end in the same cells.
     beam_step = max(1, len(scans.ranges[row]) // BEAMS)
-    ranges = scans.ranges[row][::beam_step].astype(float)
-
-    # Some lasers report 0 for beams without a return, and some obstacles are too near to measure:
-    # beams below the smallest range prove nothing.
-    is_free = ~np.isfinite(ranges) | (ranges >= range_max)
-    is_return = ~is_free & (ranges >= range_min)
-    is_valid = is_free | is_return
+    ranges = scans.distances(row)[::beam_step].astype(float)
+    is_return = np.isfinite(ranges)
+    is_valid = is_return | np.isposinf(ranges)
 
     x, y, yaw = odometry.pose_at(scans.stamp[row])
     laser_x, laser_y, laser_yaw = laser_pose

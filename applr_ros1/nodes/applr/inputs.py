@@ -164,7 +164,7 @@ class RobotInputs:
             raise ObservationError(trouble)
 
         # A level scan has no rotation. A laser may hang upside down, or tilt with the robot.
-        ranges = scan.ranges
+        ranges = scan.distances
         first_angle = scan.angle_min
         if scan.rotation is not None:
             tilt_cosine = conversions.cos_tilt(scan.rotation)

@@ -20,6 +20,7 @@ from applr_ros1.common.angles import Pose, compose, transform_point
 from applr_ros1.common.messages import pose_of
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.paths import step_lengths
+from applr_ros1.common.scan import distances_of
 from applr_ros1.nodes.conversions import path_points
 from applr_ros1.robots import Robot
 
@@ -189,9 +190,8 @@ class ViewerScene:
         message, laser_pose = self._listener.placed(self._robot.topics.scan, LaserScan)
         if message is None:
             return
-        ranges = np.asarray(message.ranges)
-        is_hit = (ranges >= message.range_min) & (ranges < message.range_max)
-        hit_beams = np.flatnonzero(is_hit)
+        ranges = distances_of(message.ranges, message.range_min, message.range_max)
+        hit_beams = np.flatnonzero(np.isfinite(ranges))
         angles = message.angle_min + hit_beams * message.angle_increment
         x = ranges[hit_beams] * np.cos(angles)
         y = ranges[hit_beams] * np.sin(angles)
