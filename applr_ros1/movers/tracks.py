@@ -16,7 +16,7 @@ import numpy as np
 from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import POINTS, Cluster, Clusters, centre
-from applr_ros1.movers.free_space import SCANS, Fan, sees_through
+from applr_ros1.movers.free_space import LARGEST_FLOAT32, SCANS, Fan, sees_through
 from applr_ros1.movers.slip import VOTER, VOTES, shift, slip
 
 MAX_TRACKS = 192  # largest number of tracks
@@ -290,8 +290,9 @@ def follow(
             continue
         if cluster_of[track_index] < 0:
             # Dark clothes return nothing in some scans: only returns from behind show that it is
-            # gone.
-            track.gone += sees_through(depth, fan, track.x, track.y, 0.0, fan.range_max)
+            # gone. Depths are float32.
+            longest = np.float32(min(fan.range_max, LARGEST_FLOAT32))
+            track.gone += sees_through(depth, fan, track.x, track.y, 0.0, longest)
             longest_time = HIDDEN_S if track.moves else LOST_S
             if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest_time:
                 track.id = 0

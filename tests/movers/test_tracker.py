@@ -384,13 +384,15 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
     assert 1.7 <= times_with_movers(open_watched)[-1] <= 1.8
 
 
-def test_an_obstacle_that_returns_nothing_in_half_of_the_scans_stays_tracked():
+@pytest.mark.parametrize("range_max", [30.0, 5.6, math.inf])
+def test_an_obstacle_that_returns_nothing_in_half_of_the_scans_stays_tracked(range_max):
+    """No float32 is 5.6: the range_max of a message is, but not that of a file."""
     random = np.random.default_rng(0)
 
     def darken(scan):
-        if random.random() < 0.5:
-            return scan
-        return replace(scan, ranges=np.where(scan.ranges < 4.0, np.inf, scan.ranges))
+        farthest = 4.0 if random.random() < 0.5 else 0.0
+        ranges = np.where(scan.ranges < farthest, np.inf, scan.ranges)
+        return replace(scan, ranges=ranges, range_max=range_max)
 
     def crosses(time):
         return [(2.5, -1.5 + time, 0.25)]
