@@ -32,14 +32,20 @@ class WatchedLaser:
         movers: what moves in the frame of corrected poses.
     """
 
-    def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
+    def __init__(
+        self,
+        settings: MonitorSettings,
+        topic: str,
+        frame: Optional[str] = None,
+        tracker: Optional[MoverTracker] = None,
+    ):
         self.topic = topic
         self.frame = frame
         self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
         limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
-        self.suspects = CertainTracks(MoverTracker(*limits))
+        self.suspects = CertainTracks(tracker or MoverTracker(*limits))
         self.movers = CertainTracks(MoverTracker(*limits))
         self.count = 0
         self.clear()
@@ -76,13 +82,20 @@ class Lasers:
 
     Args:
         settings: settings of the monitor.
-        topics: names of the lasers' topics, with "" for that of the robot's first laser.
+        more_topics: names of further lasers' topics; that of the robot's first laser is "".
+        tracker: tracker that already follows the first laser's scans in the odometry's frame; None
+            without one.
     """
 
-    def __init__(self, settings: MonitorSettings, topics: Iterable[str]):
+    def __init__(
+        self,
+        settings: MonitorSettings,
+        more_topics: Iterable[str],
+        tracker: Optional[MoverTracker] = None,
+    ):
         self._settings = settings
-        self._lasers: List[WatchedLaser] = []
-        for topic in topics:
+        self._lasers = [WatchedLaser(settings, "", tracker=tracker)]
+        for topic in more_topics:
             self._lasers.append(WatchedLaser(settings, topic))
 
     def __iter__(self) -> Iterator[WatchedLaser]:

@@ -38,6 +38,7 @@ from applr_ros1.monitor.stopping import (
     SafeScale,
     SeenCells,
 )
+from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.robots import JACKAL
 
 PASS = "pass"
@@ -158,6 +159,7 @@ class CollisionMonitor:
     Args:
         settings: settings of the base; None for the Jackal's.
         more_scans: topics of further lasers. Only the first laser corrects the pose (ScanMatcher).
+        tracker: tracker that already follows the first laser's scans (Lasers).
 
     Attributes:
         fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
@@ -170,7 +172,12 @@ class CollisionMonitor:
         matched_frame: frame of corrected poses for planners.
     """
 
-    def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
+    def __init__(
+        self,
+        settings: Optional[MonitorSettings] = None,
+        more_scans: Iterable[str] = (),
+        tracker: Optional[MoverTracker] = None,
+    ):
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
         self._body = BodyOutline.of(outline, self.settings.margin)
@@ -184,7 +191,7 @@ class CollisionMonitor:
         corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
         self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self.lasers = Lasers(self.settings, ("", *more_scans))
+        self.lasers = Lasers(self.settings, more_scans, tracker)
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
         self.matched_frame = MatchedFrame()

@@ -15,6 +15,7 @@ from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.prediction import Prediction
+from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
@@ -55,12 +56,14 @@ class Stack:
 
     def __init__(self, robot: Robot, move_base: MoveBase, *, monitor: bool, escapes: bool = True):
         self.move_base = move_base
-        self.monitor: Optional[CollisionMonitor] = None
-        if monitor:
-            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
         self.prediction: Optional[Prediction] = None
+        tracker: Optional[MoverTracker] = None
         if move_base.parameters["applr"]["movers"]:
             self.prediction = Prediction(robot)
+            tracker = self.prediction.tracker
+        self.monitor: Optional[CollisionMonitor] = None
+        if monitor:
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot), tracker=tracker)
         self.escapes = escapes
         self._matched_frame = robot.frames.matched
         self._command_chain = CommandChain()
