@@ -114,9 +114,8 @@ class Prediction:
         entry_distance = distance_along - np.sqrt(np.maximum(half_chord2, 0.0))
         is_met = (half_chord2 > 0.0) & (distance_along > 0.0)
         nearest_distance = np.where(is_met, entry_distance, np.inf).min(axis=1, initial=np.inf)
-        return np.where(nearest_distance < scan.distances, nearest_distance, np.inf).astype(
-            np.float32
-        )
+        is_nearer = nearest_distance < scan.distances
+        return np.where(is_nearer, nearest_distance, np.inf).astype(np.float32)
 
 
 def _ends_without_return(scan: LaserScan) -> Array32:
