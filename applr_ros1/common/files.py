@@ -194,7 +194,7 @@ def yaml_value(text: Any, name: Any, loader: Any = LimitedLoader) -> Any:
         except yaml.scanner.ScannerError as error:
             if "'\\t'" not in str(error.problem):
                 raise
-            raise ApplrError(f"{_place(error)} is a tab: give blanks instead") from error
+            raise ApplrError(f"a tab{_place(error)}: give blanks instead") from error
 
 
 def plain_xml(data: bytes) -> str:

@@ -111,7 +111,7 @@ def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
         ("a: [", "cannot be read .line 1, column 5"),
         ("a: 2001-99-99", "cannot be read"),
         ("a: !!python/object/apply:os.getcwd []", "cannot be read .line 1, column 4"),
-        ("a:\n  b: 1\n\tc: 2", "line 3, column 1 is a tab: give blanks instead"),
+        ("a:\n  b: 1\n\tc: 2", "a tab .line 3, column 1.: give blanks instead"),
     ],
 )
 def test_yaml_is_plain_values(tmp_path, content, problem):

@@ -21,11 +21,9 @@ from rosbags.rosbag1 import Writer
 import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import (
-    ACTIVE,
     COLUMNS,
     GAVE_UP,
     PREEMPTED,
-    PREEMPTING,
     REJECTED,
     SECOND,
     SUCCEEDED,
@@ -42,6 +40,7 @@ from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from applr_ros1.robots import JACKAL
+from applr_ros1.senses.standing import ACTIVE, PREEMPTING
 from applr_ros1.stack.simulated import SimulatedRobot
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import Messages, decided, whole_drive
