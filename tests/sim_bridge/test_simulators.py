@@ -389,7 +389,7 @@ def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
     # Then: its position and the beam straight ahead agree, and again after a second
     laser_x, _, _ = JACKAL.laser.pose
     for _ in range(2):
-        x, y, radius = simulator.mover_circles()[0]
+        x, y, radius = simulator.world.mover_circles(simulator.state.time)[0]
         assert (x, y) == pytest.approx(mover.position(simulator.state.time))
         assert simulator.scan()[360] == pytest.approx(x - radius - laser_x, abs=0.02)
         simulator.advance(1.0)
