@@ -133,7 +133,8 @@ def _hermite(start: Array, end: Array, u: float) -> float:
     b, tangent_b = end
     quadratic = 3.0 * (b - a) - 2.0 * tangent_a - tangent_b
     cubic = 2.0 * (a - b) + tangent_a + tangent_b
-    return a + tangent_a * u + quadratic * u * u + cubic * u * u * u
+    value: float = a + tangent_a * u + quadratic * u * u + cubic * u * u * u
+    return value
 
 
 # Odometry error allowed at the goal: in [m], and as a share of the route.

@@ -419,6 +419,24 @@ def test_a_cylinder_that_starts_its_animation_again_pushes_nothing_on_the_way():
     assert simulator.state.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
 
 
+def test_a_cylinder_is_where_it_stands_and_not_where_it_has_passed(simulator):
+    # Given: a cylinder that passes the robot, and then stands on its left
+    mover = Mover(0.3, ((0.0, 1.0, 0.0), (4.0, 1.0, 6.0)), repeat=False)
+    simulator.reset(small_world(movers=[mover]), 0)
+    drive(simulator, 0.0, 0.0, 5.0)
+
+    # When: the robot is put at places along the cylinder's way
+    pushed_from = []
+    for y in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.8):
+        simulator.teleport((1.0, y, 0.0))
+        state = drive(simulator, 0.0, 0.0, 0.2)
+        if hypot(state.pose[0] - 1.0, state.pose[1] - y) > 0.01:
+            pushed_from.append(y)
+
+    # Then: it is pushed away only from the cylinder's last place
+    assert pushed_from == [5.8]
+
+
 def test_random_commands_enter_no_obstacle(simulator):
     rng = np.random.default_rng(5)
     angles = np.linspace(0, 2 * pi, 40)
