@@ -19,7 +19,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose, quaternion_of, transform_point
 from applr_ros1.common.arrays import Array
 from applr_ros1.robots import Robot, geometry
-from worlds import Mover, World
+from worlds import World
 
 from .mechanics import GRAVITY, mechanics
 
@@ -29,8 +29,8 @@ OBSTACLE_TOP_M = 1.0  # height of all obstacles, above every laser [m]
 _COMPOUND_SHAPES = 16  # largest number of shapes that createCollisionShapeArray keeps in one body
 _STDOUT, _STDERR = 1, 2  # file descriptors
 _UPRIGHT = (0, 0, 0, 1)  # quaternion of no rotation
+GROUND = 0  # Bullet's id of the ground, the first body
 _BASE = -1  # Bullet's index of a body's base, which is not a link
-_NO_LOOK = -1  # no visual shape
 
 
 class Obstacle(NamedTuple):
@@ -75,37 +75,55 @@ def clear(client: Any, step: float) -> None:
         deterministicOverlappingPairs=1,
         enableFileCaching=0,
     )
-    ground = client.createMultiBody(0, client.createCollisionShape(client.GEOM_PLANE))
-    client.changeDynamics(ground, _BASE, lateralFriction=0.0)  # wheels.py computes the friction.
+    ground_shape = client.createCollisionShape(client.GEOM_PLANE)
+    # wheels.py computes the friction.
+    _fixed_body(client, ground_shape, _look(client), friction=0.0)
 
 
-def build_obstacles(client: Any, world: World) -> Tuple[List[int], Array]:
-    """Create the static obstacles of a world.
+def build_obstacles(client: Any, world: World) -> Array:
+    """Create the static obstacles of a world, several in one body.
 
     Returns:
-        (ids, circles): ids of the bodies, each of which holds several obstacles, and a circle
-        (n, 4) around each obstacle: x, y, radius [m], and index of the obstacle's body in `ids`.
+        A circle (n, 3) around each obstacle: x, y, radius [m].
     """
-    # All bodies share one visual shape, because Bullet makes a mesh for each body without one.
-    visual_shape = client.createVisualShape(client.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
-    bodies = []
+    look = _look(client)
     circles = []
-    for number, group in enumerate(_groups(world)):
-        bodies.append(_compound(client, group, visual_shape))
+    for group in _groups(world):
+        _compound(client, group, look)
         for obstacle in group:
             radius = obstacle.radius or math.hypot(*obstacle.half_sizes[:2])
-            circles.append((obstacle.x, obstacle.y, radius, number))
-    return bodies, np.array(circles, dtype=float).reshape(-1, 4)
+            circles.append((obstacle.x, obstacle.y, radius))
+    return np.array(circles, dtype=float).reshape(-1, 3)
 
 
-def add_mover(client: Any, mover: Mover) -> int:
-    """Create a moving cylinder, whose position the simulator sets at every step."""
-    shape = client.createCollisionShape(
-        client.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M
-    )
-    position = (*mover.position(0.0), OBSTACLE_TOP_M / 2)
-    body: int = client.createMultiBody(0, shape, basePosition=position)
-    client.changeDynamics(body, _BASE, lateralFriction=1.0)
+def build_movers(client: Any, circles: Array) -> List[int]:
+    """Create moving cylinders (k, 3) x, y, radius [m], and return their ids.
+
+    The simulator moves them.
+    """
+    look = _look(client)
+    bodies = []
+    for x, y, radius in circles.tolist():
+        shape = client.createCollisionShape(
+            client.GEOM_CYLINDER, radius=radius, height=OBSTACLE_TOP_M
+        )
+        body = _fixed_body(client, shape, look)
+        put_mover(client, body, x, y)
+        bodies.append(body)
+    return bodies
+
+
+def _look(client: Any) -> int:
+    """Return a visual shape: Bullet makes a mesh for each body, or link, without one."""
+    look: int = client.createVisualShape(client.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
+    return look
+
+
+def _fixed_body(client: Any, shape: int, look: int, friction: float = 1.0) -> int:
+    """Create a body that no force moves, and return its id."""
+    # Without maximal coordinates, a physics step takes longer with each body.
+    body: int = client.createMultiBody(0, shape, look, useMaximalCoordinates=1)
+    client.changeDynamics(body, _BASE, lateralFriction=friction)
     return body
 
 
@@ -161,16 +179,17 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
     wheels = base.wheels
     casters = len(base.casters)
     links = wheels + casters
+    look = _look(client)
     position, attitude = _standing(robot, pose)
     multi_body: int = client.createMultiBody(
         body.mass - casters * CASTER_MASS_KG,
         body_shape,
-        _NO_LOOK,
+        look,
         position,
         attitude,
         linkMasses=[base.wheel_mass] * wheels + [CASTER_MASS_KG] * casters,
         linkCollisionShapeIndices=shapes,
-        linkVisualShapeIndices=[_NO_LOOK] * links,
+        linkVisualShapeIndices=[look] * links,
         linkPositions=positions,
         linkOrientations=[_UPRIGHT] * links,
         linkInertialFramePositions=[(0, 0, 0)] * links,
@@ -244,8 +263,8 @@ def _groups(world: World) -> List[List[Obstacle]]:
     return [obstacles[start : start + _COMPOUND_SHAPES] for start in starts]
 
 
-def _compound(client: Any, obstacles: List[Obstacle], look: int) -> int:
-    """Create one static body of obstacles with the visual shape `look`, and return its id."""
+def _compound(client: Any, obstacles: List[Obstacle], look: int) -> None:
+    """Create one static body of obstacles with the visual shape `look`."""
     shape_types = []
     positions = []
     for obstacle in obstacles:
@@ -259,6 +278,4 @@ def _compound(client: Any, obstacles: List[Obstacle], look: int) -> int:
         collisionFramePositions=positions,
         collisionFrameOrientations=[quaternion_of(obstacle.yaw) for obstacle in obstacles],
     )
-    body: int = client.createMultiBody(0, shape, look)
-    client.changeDynamics(body, _BASE, lateralFriction=1.0)
-    return body
+    _fixed_body(client, shape, look)

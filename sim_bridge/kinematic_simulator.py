@@ -152,8 +152,9 @@ class KinematicSimulator(Simulator):
         if not self.world.movers:
             return self._circles
         start = self._steps * STEP
-        circles = self.mover_circles(start)
-        velocity = (self.mover_circles(start + duration) - circles)[:, :2] / duration
+        circles = self.world.mover_circles(start)
+        later_circles = self.world.mover_circles(start + duration)
+        velocity = (later_circles - circles)[:, :2] / duration
         # An obstacle that starts its animation again pushes nothing on the way.
         velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
         return np.concatenate([self._circles, np.hstack([circles, velocity])])

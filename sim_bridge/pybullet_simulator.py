@@ -11,13 +11,11 @@ from math import atan2, dist
 from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from applr_ros1.common.angles import Pose, Quaternion, Twist
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
-from worlds import Mover
 
 from . import bullet_scene as scene
 from . import wheels
@@ -31,14 +29,9 @@ BodyMotion = Tuple[Vector, Vector]  # velocity [m/s] and angular velocity [rad/s
 _CLOSING_M_S = 20.0  # largest closing speed of a moving obstacle and the robot [m/s]
 # Distance above which two bodies have no contact, Bullet's margin and penetration included [m]
 _MARGIN_M = 0.1
-_NORMAL_FORCE = 9  # index of the normal force in a contact point of Bullet
-
-
-class NearbyMover(NamedTuple):
-    """Moving obstacle that may touch the robot in the current drive."""
-
-    body: int  # Bullet's id
-    mover: Mover
+# Indices of the other body and of the normal force in a contact point of Bullet
+_OTHER_BODY = 2
+_NORMAL_FORCE = 9
 
 
 class PybulletSimulator(Simulator):
@@ -61,9 +54,8 @@ class PybulletSimulator(Simulator):
         # The scene is rebuilt every time, because Bullet keeps contacts and solver state over a
         # change of position.
         scene.clear(self._client, STEP)
-        self._obstacles, self._circles = scene.build_obstacles(self._client, self.world)
-        self._near = np.zeros(len(self._obstacles), np.bool_)
-        self._movers = [scene.add_mover(self._client, mover) for mover in self.world.movers]
+        self._circles = scene.build_obstacles(self._client, self.world)
+        self._movers = scene.build_movers(self._client, self.world.mover_circles(0.0))
         self._body = scene.build_robot(self._client, self.robot, pose)
         self._stop_wheels()
 
@@ -92,7 +84,7 @@ class PybulletSimulator(Simulator):
 
         placement = placement_of(body)
         motion = motion_of(body)
-        movers = self._place_movers(steps, placement[0])
+        near_movers = self._place_movers(steps, placement[0])
         has_touched = False
         rolled = 0.0
         for step_noise in noise:
@@ -114,12 +106,16 @@ class PybulletSimulator(Simulator):
             apply_force(body, -1, force, point, world_frame)
             apply_torque(body, -1, torque, world_frame)
             self._steps += 1
-            for cylinder, mover in movers:
-                scene.put_mover(client, cylinder, *mover.position(self._steps * STEP))
+            if near_movers:
+                circles = self.world.mover_circles(self._steps * STEP).tolist()
+                for number in near_movers:
+                    x, y, _ = circles[number]
+                    scene.put_mover(client, self._movers[number], x, y)
             step()
             placement = placement_of(body)
             motion = motion_of(body)
-            has_touched = has_touched or self._touching(placement[0], movers)
+            if not has_touched:
+                has_touched = self._touching(placement[0], bool(near_movers))
 
         # State of base_link at the end of the last step
         pose, speed, upright = _planar(self._vehicle, placement, motion)
@@ -139,36 +135,41 @@ class PybulletSimulator(Simulator):
             imu=odometry.imu,
         )
 
-    def _place_movers(self, steps: int, position: Sequence[float]) -> List[NearbyMover]:
-        """Move the moving obstacles to their places after `steps`; return those near `position`."""
-        starts = self.mover_circles(self._steps * STEP).tolist()
-        ends = self.mover_circles((self._steps + steps) * STEP).tolist()
+    def _place_movers(self, steps: int, position: Sequence[float]) -> List[int]:
+        """Move the moving obstacles to their places after `steps`.
+
+        Returns:
+            The numbers of those near `position`, which may touch the robot before.
+        """
+        starts = self.world.mover_circles(self._steps * STEP).tolist()
+        ends = self.world.mover_circles((self._steps + steps) * STEP).tolist()
         reach = self._reach + _CLOSING_M_S * steps * STEP
-        nearby = []
-        for body, mover, start, end in zip(self._movers, self.world.movers, starts, ends):
-            scene.put_mover(self._client, body, end[0], end[1])
+        near = []
+        for number, (start, end) in enumerate(zip(starts, ends)):
+            x, y, radius = end
+            if start != end:
+                scene.put_mover(self._client, self._movers[number], x, y)
             # An obstacle passes on a path of unknown form between both positions.
             from_start = dist(start[:2], position[:2])
             from_end = dist(end[:2], position[:2])
-            if min(from_start, from_end) < reach + mover.radius:
-                nearby.append(NearbyMover(body, mover))
-        return nearby
+            if min(from_start, from_end) < reach + radius:
+                near.append(number)
+        return near
 
-    def _touching(self, position: Sequence[float], movers: List[NearbyMover]) -> bool:
-        """Return whether an obstacle, or a mover of _place_movers(), presses on the robot.
+    def _touching(self, position: Sequence[float], near: bool) -> bool:
+        """Return whether an obstacle presses on the robot.
 
-        position: Position of the body in the world frame [m].
+        Args:
+            position: Position of the body in the world frame [m].
+            near: Whether a moving obstacle is near.
         """
-        # Queries to Bullet are slow, so a kernel selects the bodies first.
-        if _find_near(self._circles, position[0], position[1], self._reach, self._near):
-            for obstacle, is_near in zip(self._obstacles, self._near):
-                if is_near and self._pressing(obstacle):
-                    return True
-        return any(self._pressing(nearby.body) for nearby in movers)
-
-    def _pressing(self, body: int) -> bool:
-        points = self._client.getContactPoints(self._body, body)
-        return any(point[_NORMAL_FORCE] > 0.0 for point in points)
+        # Queries to Bullet are slow, so a kernel looks first whether anything is near.
+        if not near and not _is_near(self._circles, position[0], position[1], self._reach):
+            return False
+        for point in self._client.getContactPoints(self._body):
+            if point[_OTHER_BODY] != scene.GROUND and point[_NORMAL_FORCE] > 0.0:
+                return True
+        return False
 
     def _spin(self, rims: Tuple[float, float]) -> None:
         """Turn Bullet's wheels at the rim speeds (left, right) [m/s]: they rub on obstacles."""
@@ -188,24 +189,15 @@ class PybulletSimulator(Simulator):
 
 
 @kernel
-def _find_near(
-    circles: Array, x: float, y: float, distance: float, near: NDArray[np.bool_]
-) -> bool:
-    """Mark in `near` (bodies,) the bodies with a circle within `distance` [m] of (x, y).
-
-    The columns of `circles` (n, 4) are x, y, radius [m] and the index of the body. Returns whether
-    any body is marked.
-    """
-    near[:] = False
-    any_near = False
+def _is_near(circles: Array, x: float, y: float, distance: float) -> bool:
+    """Return whether one of `circles` (n, 3) x, y, radius [m] is within `distance` of (x, y)."""
     for index in range(circles.shape[0]):
         offset_x = circles[index, 0] - x
         offset_y = circles[index, 1] - y
         limit = circles[index, 2] + distance
         if offset_x * offset_x + offset_y * offset_y < limit * limit:
-            near[int(circles[index, 3])] = True
-            any_near = True
-    return any_near
+            return True
+    return False
 
 
 class Axes(NamedTuple):

@@ -126,7 +126,7 @@ class BridgeTopics:
 
     def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the moving cylinders at the current time, if there are subscribers."""
-        circles = simulator.mover_circles().tolist()
+        circles = simulator.world.mover_circles(simulator.state.time).tolist()
         # Messages that nobody reads would only slow down the simulation.
         if circles and self.movers.get_num_connections():
             self.movers.publish(_cylinders("movers", ORANGE, circles, stamp))

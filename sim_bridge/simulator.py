@@ -14,7 +14,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, normalize_angle, normalize_angle_modulo
-from applr_ros1.common.arrays import Array, Array32
+from applr_ros1.common.arrays import Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.robots import Robot, load
@@ -196,7 +196,8 @@ class Simulator(ABC):
         """
         laser = self.robot.laser
         x, y, yaw = laser.pose_at(self.state.pose)
-        ranges: Array32 = self._lidar.scan(x, y, yaw, self.mover_circles())
+        circles = self.world.mover_circles(self.state.time)
+        ranges: Array32 = self._lidar.scan(x, y, yaw, circles)
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         # In place, because a scan is drawn in every control cycle of a training.
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
@@ -242,13 +243,6 @@ class Simulator(ABC):
         self.set_odometry((odom_x, odom_y, yaw))
         self.odom_origin = (x - odom_x, y - odom_y)
         return self.state
-
-    def mover_circles(self, time: Optional[float] = None) -> Array:
-        """Return the moving cylinders (k, 3) x, y, radius [m], now or at a simulated time [s]."""
-        if time is None:
-            time = self.state.time
-        circles = [(*mover.position(time), mover.radius) for mover in self.world.movers]
-        return np.array(circles, dtype=np.float64).reshape(-1, 3)
 
     def close(self) -> None:
         """Release all resources. Only `close` itself may be called afterwards."""

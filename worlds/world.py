@@ -8,21 +8,22 @@ frame is BARN's: x to the right, y forward, in metres and radians.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from applr_ros1.common.angles import Pose, outside_box
 from applr_ros1.common.arrays import Array
+from applr_ros1.common.kernels import kernel
 from applr_ros1.common.paths import step_lengths
 
 KeyFrame = Tuple[float, float, float]
 Point = Tuple[float, float]
 
+_NO_CIRCLES = np.empty((0, 3))
 SAME_POINT_M = 1e-3  # tolerance within which ignition::math::Vector3 compares equal [m]
 
 
@@ -53,75 +54,87 @@ class Mover:
             # The class is frozen, so that a normal assignment would raise.
             object.__setattr__(self, "length", self.waypoints[-1][0])
 
-    @cached_property
-    def _times(self) -> List[float]:
-        """Times of the key frames [s]."""
-        return [frame_time for frame_time, _, _ in self.waypoints]
-
-    @cached_property
-    def _tangents(self) -> List[Point]:
-        """Tangents at the key frames."""
-        return tangents_of([(x, y) for _, x, y in self.waypoints])
-
     def position(self, time: float) -> Point:
-        """Return the centre (x, y) [m] at a time >= 0 [s].
-
-        As gazebo::common::Animation::GetKeyFramesAtTime does, a key frame at exactly this time is
-        returned without interpolation.
-        """
-        if self.repeat:
-            time = math.fmod(time, self.length)
-        time = min(time, self.length)
-
-        frame_times = self._times
-        end_frame = bisect_left(frame_times, time)
-        if end_frame == len(frame_times):
-            return self.waypoints[-1][1:]
-        end_time, end_x, end_y = self.waypoints[end_frame]
-        if end_frame == 0 or end_time == time:
-            return end_x, end_y
-
-        start_frame = end_frame - 1
-        start_time, start_x, start_y = self.waypoints[start_frame]
-        time_share = (time - start_time) / (end_time - start_time)
-        start_dx, start_dy = self._tangents[start_frame]
-        end_dx, end_dy = self._tangents[end_frame]
-        x = hermite(start_x, end_x, start_dx, end_dx, time_share)
-        y = hermite(start_y, end_y, start_dy, end_dy, time_share)
+        """Return the centre (x, y) [m] at a time >= 0 [s]."""
+        x, y, _ = _circles_at(time, *_animation((self,)))[0].tolist()
         return x, y
 
 
-def tangents_of(points: List[Point]) -> List[Point]:
-    """Return the tangents at all points.
+def _animation(movers: Sequence[Mover]) -> Tuple[Array, Array]:
+    """Return the key frames of moving cylinders, and what they do with them.
+
+    Returns:
+        (frames, cylinders): The frames (n, 5) of one cylinder after the other: time [s], place and
+        tangent x, y [m]. For each cylinder (k, 4): radius [m], length of its animation [s], 1 if it
+        repeats, and the number of its frames.
+    """
+    frames = []
+    cylinders = []
+    for mover in movers:
+        waypoints = np.array(mover.waypoints, dtype=np.float64)
+        frames.append(np.hstack([waypoints, _tangents(waypoints[:, 1:])]))
+        cylinders.append((mover.radius, mover.length, mover.repeat, len(waypoints)))
+    return np.concatenate(frames), np.array(cylinders, dtype=np.float64)
+
+
+def _tangents(points: Array) -> Array:
+    """Return the tangents (n, 2) at all points (n, 2) of a curve.
 
     As in ignition::math::Spline::RecalcTangents with tension 0, a tangent is half the vector from
     the previous point to the next. At the ends of an open curve the point itself replaces the
     missing neighbour.
     """
-    last_index = len(points) - 1
-    previous_point = points[0]
-    following_point = points[last_index]
-    first_x, first_y = points[0]
-    last_x, last_y = points[last_index]
-    if max(abs(first_x - last_x), abs(first_y - last_y)) <= SAME_POINT_M:
-        previous_point = points[last_index - 1]
-        following_point = points[1]
-
-    tangents: List[Point] = []
-    extended_points = [previous_point, *points, following_point]
-    # The tangent at a point is parallel to the line between its neighbours.
-    for (before_x, before_y), (after_x, after_y) in zip(extended_points, extended_points[2:]):
-        dx = after_x - before_x
-        dy = after_y - before_y
-        tangents.append((0.5 * dx, 0.5 * dy))
+    before_first = points[0]
+    after_last = points[-1]
+    if np.abs(before_first - after_last).max() <= SAME_POINT_M:
+        before_first = points[-2]
+        after_last = points[1]
+    extended = np.vstack([before_first, points, after_last])
+    tangents: Array = 0.5 * (extended[2:] - extended[:-2])
     return tangents
 
 
-def hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -> float:
-    """Evaluate one coordinate of the cubic from a (u = 0) to b (u = 1) with these end tangents."""
+@kernel
+def _circles_at(time: float, frames: Array, cylinders: Array) -> Array:
+    """Return the circles (k, 3) x, y, radius [m] of _animation() at a time >= 0 [s].
+
+    As gazebo::common::Animation::GetKeyFramesAtTime does, a key frame at exactly this time is
+    returned without interpolation.
+    """
+    circles = np.empty((len(cylinders), 3))
+    first = 0
+    for index in range(len(cylinders)):
+        radius, length, repeats, count = cylinders[index]
+        moment = min(time, length)
+        if repeats:
+            moment = np.fmod(time, length)
+        row = first
+        last = first + int(count) - 1
+        while row < last and frames[row, 0] < moment:
+            row += 1
+        end = frames[row]
+        circles[index] = end[1], end[2], radius
+        if row > first and moment < end[0]:
+            start = frames[row - 1]
+            share = (moment - start[0]) / (end[0] - start[0])
+            for axis in range(2):
+                circles[index, axis] = _hermite(start[axis + 1 :: 2], end[axis + 1 :: 2], share)
+        first = last + 1
+    return circles
+
+
+@kernel
+def _hermite(start: Array, end: Array, u: float) -> float:
+    """Evaluate one coordinate of the cubic from `start` (u = 0) to `end` (u = 1).
+
+    Both are the coordinate and its tangent.
+    """
+    a, tangent_a = start
+    b, tangent_b = end
     quadratic = 3.0 * (b - a) - 2.0 * tangent_a - tangent_b
     cubic = 2.0 * (a - b) + tangent_a + tangent_b
-    return a + tangent_a * u + quadratic * u * u + cubic * u * u * u
+    value: float = a + tangent_a * u + quadratic * u * u + cubic * u * u * u
+    return value
 
 
 # Odometry error allowed at the goal: in [m], and as a share of the route.
@@ -265,17 +278,24 @@ class World:
     movers: Tuple[Mover, ...] = ()
     map: Optional[Grid] = None
 
+    @cached_property
+    def _animation(self) -> Tuple[Array, Array]:
+        """Animations of all movers, prepared once."""
+        return _animation(self.movers)
+
+    def mover_circles(self, time: float) -> Array:
+        """Return the moving cylinders (k, 3) x, y, radius [m] at a time >= 0 [s]."""
+        if not self.movers:
+            return _NO_CIRCLES
+        return _circles_at(time, *self._animation)
+
 
 def clearance(world: World, points: Array, time: float = 0.0) -> Array:
     """Return the distance (n,) [m] from points (n, 2) to the nearest surface at `time` [s].
 
     The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles.
     """
-    moving_cylinders = np.empty((len(world.movers), 3))
-    for mover_index, mover in enumerate(world.movers):
-        x, y = mover.position(time)
-        moving_cylinders[mover_index] = (x, y, mover.radius)
-    cylinders = np.vstack([world.cylinders, moving_cylinders])
+    cylinders = np.vstack([world.cylinders, world.mover_circles(time)])
     centre_x, centre_y, radius = cylinders.T
     points_x, points_y = points.T
     dx = points_x[:, np.newaxis] - centre_x

@@ -389,7 +389,7 @@ def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
     # Then: its position and the beam straight ahead agree, and again after a second
     laser_x, _, _ = JACKAL.laser.pose
     for _ in range(2):
-        x, y, radius = simulator.mover_circles()[0]
+        x, y, radius = simulator.world.mover_circles(simulator.state.time)[0]
         assert (x, y) == pytest.approx(mover.position(simulator.state.time))
         assert simulator.scan()[360] == pytest.approx(x - radius - laser_x, abs=0.02)
         simulator.advance(1.0)
@@ -417,6 +417,24 @@ def test_a_cylinder_that_starts_its_animation_again_pushes_nothing_on_the_way():
     # Then: it has not touched the robot
     assert not any(contacts)
     assert simulator.state.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_cylinder_is_where_it_stands_and_not_where_it_has_passed(simulator):
+    # Given: a cylinder that passes the robot, and then stands on its left
+    mover = Mover(0.3, ((0.0, 1.0, 0.0), (4.0, 1.0, 6.0)), repeat=False)
+    simulator.reset(small_world(movers=[mover]), 0)
+    drive(simulator, 0.0, 0.0, 5.0)
+
+    # When: the robot is put at places along the cylinder's way
+    pushed_from = []
+    for y in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.8):
+        simulator.teleport((1.0, y, 0.0))
+        state = drive(simulator, 0.0, 0.0, 0.2)
+        if hypot(state.pose[0] - 1.0, state.pose[1] - y) > 0.01:
+            pushed_from.append(y)
+
+    # Then: it is pushed away only from the cylinder's last place
+    assert pushed_from == [5.8]
 
 
 def test_random_commands_enter_no_obstacle(simulator):

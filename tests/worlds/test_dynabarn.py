@@ -10,7 +10,7 @@ import pytest
 import worlds
 from applr_ros1.common.paths import step_lengths
 from tests.support.refusals import refused
-from tests.support.scenes import moving, refused_world, sdf, write_world
+from tests.support.scenes import moving, refused_world, sdf, small_world, write_world
 from worlds import dynabarn
 
 
@@ -109,6 +109,18 @@ def test_an_animation_that_does_not_repeat_stays_at_its_end():
     assert mover.position(0.0) == (0.0, 1.0)
     assert mover.position(2.0) == (4.0, 1.0)
     assert mover.position(50.0) == (4.0, 1.0)
+
+
+def test_the_circles_of_a_world_are_those_of_each_mover():
+    standing = worlds.Mover(0.5, ((1.0, 0.0, 1.0), (2.0, 4.0, 1.0)), repeat=False)
+    turning = worlds.Mover(0.2, ((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (3.0, 2.0, 2.0)))
+    world = small_world(movers=[turning, standing, turning])
+    for time in (0.0, 0.4, 1.0, 1.5, 2.9, 7.3, 50.0):
+        turning_circle = (*turning.position(time), 0.2)
+        standing_circle = (*standing.position(time), 0.5)
+        circles = [turning_circle, standing_circle, turning_circle]
+        assert world.mover_circles(time).tolist() == list(map(list, circles))
+    assert small_world().mover_circles(0.0).shape == (0, 3)
 
 
 def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):

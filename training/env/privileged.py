@@ -8,7 +8,7 @@ the entries before them.
 from __future__ import annotations
 
 import math
-from typing import List, NamedTuple
+from typing import List
 
 import numpy as np
 
@@ -79,21 +79,20 @@ def privileged(drive: CourseDrive, scale: float) -> np.ndarray:
     bearings = np.arctan2(dy, dx) - state.pose[2]
 
     farthest = FAR * width
-    lateral: List[float] = []
-    forward: List[float] = []
-    for mover in _movers(drive, state.pose, state.time):
-        lateral += [mover.y / farthest, mover.vy / FAST]
-        forward += [mover.x / farthest, mover.vx / FAST]
+    # Place and velocity of one moving obstacle after the other
+    mover_x, mover_y, mover_vx, mover_vy = _movers(drive, state.pose, state.time).T
+    lateral = np.column_stack([mover_y / farthest, mover_vy / FAST])
+    forward = np.column_stack([mover_x / farthest, mover_vx / FAST])
     inputs: List[float] = [
         *np.sin(bearings),
-        *lateral,
+        *lateral.flat,
         *_clearances(plan_clearance, width),
         *_clearances(route_clearance, width),
         _centred(free_length / STATIONS[-1]),
         _centred(length_left / LONG),
         _centred(from_robot[nearest] / farthest),
         *np.cos(bearings),
-        *forward,
+        *forward.flat,
         1.0 if drive.simulated.stack.move_base.variant == CPP_LIKE else -1.0,
         *_physics(drive),
         _centred(drive.stall.share),
@@ -161,26 +160,19 @@ def _clearances(clearances: np.ndarray, width: float) -> List[float]:
     return inputs
 
 
-class _Relative(NamedTuple):
-    """Moving obstacle in the robot's frame: place [m] and velocity [m/s]."""
+def _movers(drive: CourseDrive, pose: Pose, time: float) -> np.ndarray:
+    """Return the MOVERS nearest moving obstacles (MOVERS, 4): x, y [m], vx, vy [m/s].
 
-    x: float
-    y: float
-    vx: float
-    vy: float
-
-
-def _movers(drive: CourseDrive, pose: Pose, time: float) -> List[_Relative]:
-    """Return the MOVERS nearest moving obstacles. Missing ones are far ahead."""
+    They are in the robot's frame. Missing ones are far ahead.
+    """
     to_robot = inverse(pose)
-    movers: List[_Relative] = []
-    for mover in drive.world.movers:
-        x, y = transform_point(to_robot, *mover.position(time))
-        later_position = mover.position(time + 1.0 / POSITIONS_HZ)
-        later_x, later_y = transform_point(to_robot, *later_position)
-        vx = POSITIONS_HZ * (later_x - x)
-        vy = POSITIONS_HZ * (later_y - y)
-        movers.append(_Relative(x, y, vx, vy))
-    movers.sort(key=lambda mover: math.hypot(mover.x, mover.y))
-    nothing = _Relative(x=math.inf, y=0.0, vx=0.0, vy=0.0)
-    return (movers + [nothing] * MOVERS)[:MOVERS]
+    circles = drive.world.mover_circles(time)
+    later_circles = drive.world.mover_circles(time + 1.0 / POSITIONS_HZ)
+    x, y = transform_point(to_robot, circles[:, 0], circles[:, 1])
+    later_x, later_y = transform_point(to_robot, later_circles[:, 0], later_circles[:, 1])
+    vx = POSITIONS_HZ * (later_x - x)
+    vy = POSITIONS_HZ * (later_y - y)
+    order = np.argsort(np.hypot(x, y))
+    nearest = np.column_stack([x, y, vx, vy])[order[:MOVERS]]
+    nothing = np.array([(math.inf, 0.0, 0.0, 0.0)] * MOVERS)
+    return np.vstack([nearest, nothing])[:MOVERS]
