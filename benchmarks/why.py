@@ -34,12 +34,12 @@ from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
+from training.attempts.candidates import Candidate, file_candidates, with_changes
+from training.attempts.trials import RANDOM
 from training.why import __main__ as why
 from training.why.answer import Answer, lines_of, undriven_guess
-from training.why.candidates import Candidate, file_candidates, with_changes
 from training.why.recorded import recording_of
 from training.why.remedies import driven_trials
-from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"

@@ -14,13 +14,8 @@ from typing import Any, Callable, DefaultDict, Dict, List, Optional, Sequence, T
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
-from training.why.answer_file import StoredArrival, key_of_drive
-from training.why.bag_answer import answer_to
-from training.why.candidates import Candidate
-from training.why.logbook import Logbook, LoggedBag
-from training.why.recorded import BagAnswerOptions, with_description
-from training.why.remedies import CANDIDATES
-from training.why.whole_drives import (
+from training.attempts.candidates import Candidate
+from training.attempts.trials import (
     BETTER,
     Arrival,
     DrivenCourse,
@@ -28,6 +23,11 @@ from training.why.whole_drives import (
     course_in,
     try_out,
 )
+from training.why.answer_file import StoredArrival, key_of_drive
+from training.why.bag_answer import answer_to
+from training.why.logbook import Logbook, LoggedBag
+from training.why.recorded import BagAnswerOptions, with_description
+from training.why.remedies import CANDIDATES
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 
@@ -118,12 +118,10 @@ def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
     for bag in bags:
         for rank, stored in enumerate(bag.answer.candidates):
             candidate = stored.candidate
-            # The value before may differ from bag to bag.
-            changed_values = tuple((one.server, one.name, one.after) for one in candidate.changes)
-            scores[changed_values] += 1.0 / (1.0 + rank)
-            first_candidates.setdefault(changed_values, candidate)
-    ranked = sorted(first_candidates, key=lambda changed_values: -scores[changed_values])
-    return [first_candidates[changed_values] for changed_values in ranked[:CANDIDATES]]
+            scores[candidate.new_values] += 1.0 / (1.0 + rank)
+            first_candidates.setdefault(candidate.new_values, candidate)
+    ranked = sorted(first_candidates, key=lambda new_values: -scores[new_values])
+    return [first_candidates[new_values] for new_values in ranked[:CANDIDATES]]
 
 
 class KeptCourse:

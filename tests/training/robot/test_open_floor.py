@@ -17,8 +17,8 @@ from training.robot import open_floor, single_changes
 from training.robot.failure import STANDS, failure_of
 from training.robot.open_floor import OpenFloor, courses
 from training.robot.single_changes import advice_of, single_candidates
-from training.robot.usual_values import UsualValues, places_of
-from training.why.candidates import Candidate, with_changes
+from training.attempts.usual_values import UsualValues, places_of
+from training.attempts.candidates import Candidate, with_changes
 
 BURGER = load("turtlebot3_burger")
 HUSKY = load("husky")

@@ -25,7 +25,7 @@ from training.why import __main__ as why
 from training.why import common_change, logbook, logbook_page, whole_drives
 from training.why.answer_file import AnswerFile, StoredArrival, bag_hash
 from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, placed_frame
-from training.why.candidates import Candidate
+from training.attempts.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
 from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
 from training.why.logbook_words import (
@@ -38,7 +38,7 @@ from training.why.logbook_words import (
     place_in_words,
 )
 from training.why.recorded import BagAnswerOptions
-from training.why.whole_drives import Arrival, DrivenCourse, try_out
+from training.attempts.trials import Arrival, DrivenCourse, try_out
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds.map_reader import OCCUPIED

@@ -25,14 +25,14 @@ from tests.support.drives import simulated
 from training.robot.open_floor import courses
 from training.why import answer, remedies, whole_drives
 from training.why.answer import Answer
-from training.why.candidates import (
+from training.attempts.candidates import (
     Candidate,
     file_candidates,
     recorded_changes,
     with_changes,
 )
 from training.why.seen_world import seen_grid, seen_world, write_map
-from training.why.whole_drives import (
+from training.attempts.trials import (
     Arrival,
     DriveConditions,
     DrivenCourse,

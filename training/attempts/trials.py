@@ -21,7 +21,6 @@ from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import arrived_cleanly
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
@@ -29,13 +28,13 @@ from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
-from training.why.candidates import Candidate, with_changes
-from training.why.deciding import POLICY
+from training.attempts.candidates import Candidate, mildest_first, with_changes
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds import World
 
 _LOGGER = logging.getLogger(__name__)
+POLICY = "applr"  # the robot's policy
 CHOOSING = 1, 2  # seeds that choose a candidate
 CONFIRMING = 3, 4, 5  # seeds that judge the chosen one
 ROUND = 3  # number of candidates that drive before the best of them sets the time for others
@@ -385,31 +384,17 @@ def _ranked(drives: Drives) -> List[Optional[Candidate]]:
 def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     """Return candidates in the order in which they are judged.
 
-    Among those that drive about as fast as the first one, changes towards the defaults of C++ come
-    first, and small ones: the default of a value that hinders says more than what makes up for it.
+    Among those that drive about as fast as the first one, the mildest come first: the usual value
+    of a parameter that hinders says more than what makes up for it.
     """
-    known_servers = servers(robot.all_parameters())
-    ranked: List[Tuple[Tuple[bool, bool, float], Candidate]] = []
+    mildness = mildest_first(robot)
+    ranked: List[Tuple[bool, Tuple[float, float], Candidate]] = []
     for tried in finalists:
-        candidate = tried.candidate
-        if candidate is None:
-            continue
-        is_slower = tried.seconds > NEARLY * finalists[0].seconds
-        rank = is_slower, _leads_away(candidate, known_servers), candidate.departure
-        ranked.append((rank, candidate))
-    ranked.sort(key=itemgetter(0))
-    return [candidate for _, candidate in ranked]
-
-
-def _leads_away(candidate: Candidate, known: Mapping[str, Server]) -> bool:
-    """Return whether the change that names a candidate leads away from C++'s default."""
-    change = candidate.changes[0]
-    # Sources of obstacles have values, and no server.
-    server = known.get(change.server)
-    if server is None:
-        return False
-    declared = server.declared(change.name)
-    return declared is not None and change.leads_away(declared.default)
+        if tried.candidate is not None:
+            is_slower = tried.seconds > NEARLY * finalists[0].seconds
+            ranked.append((is_slower, mildness(tried.candidate), tried.candidate))
+    ranked.sort(key=itemgetter(0, 1))
+    return [candidate for *_, candidate in ranked]
 
 
 def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:

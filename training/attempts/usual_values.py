@@ -12,13 +12,15 @@ from typing import Any, Dict, List, NamedTuple, Sequence
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import tables
-from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, layers
+from applr_ros1.planner.parameters.layers import INFLATION_LAYER, layers
 from applr_ros1.planner.parameters.parameter import RESTORE, Parameter
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.robot import Base
-from training.why.candidates import UNUSUAL
 
+# A change of both is named by the local one, which the replay of a local planner knows.
+COSTMAPS = ("local_costmap", "global_costmap")
+UNUSUAL = 0.4  # logarithm of the ratio to the usual value from which on a value is unusual (1.5)
 GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
 
 
@@ -119,8 +121,11 @@ class UsualValues:
                 if not is_of_planner or included.local_planner == robot.local_planner:
                     self.of_robots.setdefault(place.name, []).append(value)
 
-    def support(self, changes: Sequence[Change]) -> int:
-        """Return how many usual values are near the new values: the fewest of any parameter."""
+    def support(self, changes: Sequence[Change]) -> float:
+        """Return how many usual values are near the new values: the fewest of any parameter.
+
+        Of other values of a costmap, none but usual ones are tried: the result is inf.
+        """
         new_values = {(change.server, change.name): change.after for change in changes}
         counts = []
         for place in places_of(self._robot):
@@ -128,7 +133,7 @@ class UsualValues:
             if new_value is not None:
                 departures = [departure(new_value, known) for known in self._known(place)]
                 counts.append(sum(ratio < UNUSUAL for ratio in departures))
-        return min(counts, default=0)
+        return min(counts, default=math.inf)
 
     def departure(self, place: ParameterPlace) -> float:
         """Return the departure of a value from the nearest usual one."""
