@@ -34,7 +34,7 @@ from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
-from training.attempts.candidates import Candidate, file_candidates, with_changes
+from training.attempts.candidates import Candidate, candidates_of, with_changes
 from training.attempts.trials import RANDOM
 from training.why import __main__ as why
 from training.why.answer import Answer, lines_of, undriven_guess
@@ -279,7 +279,7 @@ def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
     earlier_value = values[chosen_name]
     scaled_value = earlier_value * float(rng.choice([0.5, 2.0]))
     change = Change(server, chosen_name, earlier_value, scaled_value)
-    candidates = [Candidate((change,)), *file_candidates(robot)]
+    candidates = [Candidate((change,)), *candidates_of(robot).unusual]
     return candidates[int(rng.integers(min(2, len(candidates))))]
 
 

@@ -15,17 +15,19 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Commands, Drive, Plans, Transforms
 from applr_ros1.planner.parameters.settings import Change
-from applr_ros1.why import alternatives
+from applr_ros1.why import alternatives, factors
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import until
 from tests.support.pages import data_of
 from tests.support.replays import spoilt_drive, updates
+from training.attempts import trials as whole_drives
+from training.attempts.candidates import Candidate
+from training.attempts.trials import Arrival, DrivenCourse, try_out
 from training.bags.write import write
 from training.why import __main__ as why
-from training.why import common_change, logbook, logbook_page, whole_drives
+from training.why import common_change, logbook, logbook_page
 from training.why.answer_file import AnswerFile, StoredArrival, bag_hash
 from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, placed_frame
-from training.attempts.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
 from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
 from training.why.logbook_words import (
@@ -38,7 +40,6 @@ from training.why.logbook_words import (
     place_in_words,
 )
 from training.why.recorded import BagAnswerOptions
-from training.attempts.trials import Arrival, DrivenCourse, try_out
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds.map_reader import OCCUPIED
@@ -460,7 +461,7 @@ def test_the_answer_to_a_bag_that_is_the_current_folder_lies_beside_it(tmp_path,
 def folder(tmp_path, monkeypatch):
     """Return a folder with two drives, a copy and junk, and let the command try little."""
     monkeypatch.setattr(alternatives, "CYCLES", 2)
-    monkeypatch.setattr(alternatives, "FACTORS", ())
+    monkeypatch.setattr(factors, "FACTORS", ())
     _, driven = spoilt_drive()
     driven = replace(driven, changes=updates((0.0, PLANNER, {"vx_samples": 1})))
     bags = tmp_path / "bags"
