@@ -26,7 +26,6 @@ from applr_ros1.drives.outcome import Outcome
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
-from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.fitting import Fittable, plans_of
 from applr_ros1.why.recording import Recording
@@ -39,7 +38,7 @@ from training.attempts.trials import RANDOM
 from training.why import __main__ as why
 from training.why.answer import Answer, lines_of, undriven_guess
 from training.why.recorded import recording_of
-from training.why.remedies import driven_trials
+from training.why.remedies import driven_trials, possible_guesses
 from training.workers.pool import Pool
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
@@ -371,7 +370,7 @@ class Bench:
         if replay.cycles:
             with Pool(0) as pool:
                 diagnosis = diagnose(replay)
-                guesses = guesses_of(diagnosis)
+                guesses = possible_guesses(diagnosis)
                 answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
             answer_in_words = " | ".join(lines_of(answer)[:3])
         else:  # The planner never had a path, and the command says so.

@@ -16,9 +16,9 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.colors import color_indices
 from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.page import SCENE
+from training.attempts.verdict import Comparison, corrected
 from training.common.folders import make_folder
 from training.evaluate import drives_page
-from training.evaluate.compare import Comparison, corrected
 from training.evaluate.profiles import profiles
 from training.evaluate.stored import SETS, TEST, Results
 from training.evaluate.tables import TABLES

@@ -10,8 +10,8 @@ import math
 from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
 from applr_ros1.drives.drive import FLIPPED
+from training.attempts.verdict import LEVEL, Comparison, compare, corrected
 from training.common.words import counted
-from training.evaluate.compare import LEVEL, Comparison, compare, corrected
 from training.evaluate.score import SECONDS_RULE, TrialCost, mean_scores, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
 

@@ -16,8 +16,7 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
 from tests.support.runs import SETTINGS
-from training.evaluate import paper, report, tables
-from training.evaluate.compare import (
+from training.attempts.verdict import (
     LEVEL,
     Comparison,
     Estimate,
@@ -26,6 +25,7 @@ from training.evaluate.compare import (
     rate,
     wilson,
 )
+from training.evaluate import paper, report, tables
 from training.evaluate.profiles import LIMITS, profiles
 from training.evaluate.report import summary, write
 from training.evaluate.stored import Results, set_of
