@@ -134,9 +134,9 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
 def test_a_dead_end_that_the_policy_entered_unseen_is_left_out_with_the_range_it_was_made_for(
     recorded, monkeypatch
 ):
-    # One seed each instead of several: these drives are simulated.
+    # One seed instead of two chooses: these drives are simulated.
     monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
-    monkeypatch.setattr(whole_drives, "CONFIRMING", (2,))
+    monkeypatch.setattr(whole_drives, "CONFIRMING", (2, 3, 4, 5, 6, 7))
     diagnosis = diagnose(recorded)
 
     with Pool(0) as pool:

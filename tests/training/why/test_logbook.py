@@ -364,7 +364,7 @@ def test_drives_are_made_once_and_kept_beside_their_bag(monkeypatch):
     assert change.gains == again.gains == [10.0, 10.0]
     (line,) = advice(book_of(*bags), change)
     result = "in simulation, whole drives take 20 s less in 2 of the 2 worlds of the worst stops"
-    assert line.startswith(f"Try sim_time 2 -> 1: {result}; arrives 6 of")
+    assert line.startswith(f"Try sim_time 2 -> 1: {result}; arrives 12 of")
 
 
 def course_that_fails(monkeypatch, failure):

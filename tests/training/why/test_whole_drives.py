@@ -178,9 +178,9 @@ def course(door):
 
 @pytest.mark.heavy
 def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(course, monkeypatch):
-    # One seed each instead of several: these drives are simulated.
+    # One seed instead of two chooses: these drives are simulated.
     monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
-    monkeypatch.setattr(whole_drives, "CONFIRMING", (2,))
+    monkeypatch.setattr(whole_drives, "CONFIRMING", (2, 3, 4, 5, 6, 7))
     # move_base does not accept a footprint of one point, so this candidate cannot drive.
     one_point = Change("local_costmap", "footprint", "", "[[0, 0]]")
     refused = Candidate((one_point,))
@@ -190,7 +190,7 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
 
     assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
-    assert trials.remedy.arrivals == 1
+    assert trials.remedy.arrivals >= 5
     assert trials.recorded.arrivals == 0
     (tried_out,) = trials.tried
     assert tried_out.candidate == MENDED
@@ -244,9 +244,9 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     calls = drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 15.0}, 1.5: {0: 17.0}})
     trials = trials_of(course, 1.0, 1.5)
     assert value_of(trials.remedy) == 1.0
-    assert str(trials.remedy) == "arrives 3 of 3 in 15 s"
+    assert str(trials.remedy) == "arrives 6 of 6 in 15 s"
     assert seeds_of(calls, 1.5) == set(whole_drives.CHOOSING)
-    assert seeds_of(calls, 1.0) == {1, 2, 3, 4, 5}
+    assert seeds_of(calls, 1.0) == {*whole_drives.CHOOSING, *whole_drives.CONFIRMING}
 
     # 18.5 s are less than a tenth better than 20 s.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 18.5}})
@@ -267,22 +267,25 @@ def test_it_is_said_why_the_recorded_values_cannot_be_driven():
         try_out([lossy], [MENDED])
 
 
-def test_a_candidate_that_is_slower_with_one_seed_is_no_remedy(course, monkeypatch):
-    # Seed 4 confirms. Slower by half a second is too slow, equally fast is not.
-    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.5}})
+def test_a_candidate_whose_gain_may_be_luck_is_no_remedy(course, monkeypatch):
+    # Much faster on average, but in four of the six drives that judge not at all
+    equal = dict.fromkeys((5, 6, 7, 8), 20.0)
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, **equal}})
     assert trials_of(course, 1.0).remedy is None
 
-    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.0}})
+    # One drive as slow as before may be bad luck.
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 8: 20.0}})
     assert trials_of(course, 1.0).remedy is not None
 
 
 def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch):
-    # With 1.0 and 0.5 the drive of seed 4 is slower than with the recorded values.
+    # With 1.0 and 0.5, half of the drives that judge are slower than with the recorded values.
+    slow = dict.fromkeys((4, 5, 6), 21.0)
     seconds = {
         "": {0: 20.0},
-        1.0: {0: 10.0, 4: 21.0},
+        1.0: {0: 10.0, **slow},
         1.5: {0: 11.0},
-        0.5: {0: 10.5, 4: 21.0},
+        0.5: {0: 10.5, **slow},
     }
     calls = drives_as(monkeypatch, seconds)
     trials = trials_of(course, 1.0, 1.5)
