@@ -382,7 +382,7 @@ class Bench:
         time_before = mean_time(robot, table_row.world)
         time_after = time_before
         remedy = answer.trials.remedy if answer.trials else None
-        if remedy is not None and remedy.candidate is not None:
+        if remedy is not None:
             named_parameters = remedy.candidate.names
             remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
             time_after = mean_time(remedied_robot, table_row.world)

@@ -24,9 +24,9 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.policy import methods
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import SIGHT_S, crossed_limits
-from applr_ros1.robots.geometry import Box, bounding_box
+from applr_ros1.robots.geometry import box_outline
 from applr_ros1.robots.robot import SpaceParameter, Target
-from applr_ros1.why.factors import FUTILE, other_values
+from applr_ros1.why.factors import other_values
 from training.attempts.usual_values import (
     COSTMAPS,
     UNUSUAL,
@@ -40,6 +40,7 @@ CPP_PADDING_M: float = by_name(COSTMAP)["footprint_padding"].default
 CPP_OBSTACLE_RANGE_M: float = by_name(STATIC_SOURCE)["obstacle_range"].default
 CPP_RAYTRACE_RANGE_M: float = by_name(STATIC_SOURCE)["raytrace_range"].default
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
+WINDOW = ("width", "height")  # sides of a costmap
 # Weights of DWAPlannerROS and TrajectoryPlannerROS that only count in proportion to each other
 BIASES = ("path_distance_bias", "goal_distance_bias")
 # Distances of an escape, of which either alone ends it late
@@ -104,14 +105,14 @@ class Rated(NamedTuple):
     candidate: Candidate
 
 
+def _sorted(rated_candidates: Iterable[Rated]) -> List[Rated]:
+    """Return candidates, those that depart most from usual values first."""
+    return sorted(rated_candidates, key=lambda rated: -rated.departure)
+
+
 def _rated(ratio: float, changes: Sequence[Change], words: str = "") -> Rated:
     """Return changes as a candidate whose values depart by a ratio from the usual ones."""
     return Rated(float(np.log(ratio)), Candidate(tuple(changes), words))
-
-
-def _values_before(changes: Sequence[Change]) -> List[float]:
-    """Return the values that the changes replace."""
-    return [change.before for change in changes]
 
 
 def advice_of(robot: Robot, candidate: Candidate) -> str:
@@ -122,27 +123,6 @@ def advice_of(robot: Robot, candidate: Candidate) -> str:
         section = section_in_files(in_files, change.server)
         instructions.append(change._replace(server=section).advice)
     return " and ".join(instructions)
-
-
-class InSpace(NamedTuple):
-    """Parameter of the robot's space, and one of the addresses that it sets.
-
-    Attributes:
-        parameter: Parameter of the space, with its range.
-        target: Address of a value that follows it, perhaps with the opposite sign.
-    """
-
-    parameter: SpaceParameter
-    target: Target
-
-    def read(self, value: Any) -> Any:
-        """Return the parameter's number for a value at the address."""
-        return self.target.signed(value)
-
-    def written(self, number: Any) -> Any:
-        """Return the value at the address for a number, which is kept within the range."""
-        within = min(max(number, self.parameter.low), self.parameter.high)
-        return self.target.signed(within)
 
 
 PlaceGroup = List[ParameterPlace]  # places that change together
@@ -159,17 +139,18 @@ class GroupedPlaces:
     """
 
     def __init__(self, robot: Robot):
-        self._space: Dict[Tuple[str, str], InSpace] = {}  # by server and name
+        # The robot's space by server and name of each value that it sets
+        self._space: Dict[Tuple[str, str], Tuple[SpaceParameter, Target]] = {}
         for parameter in robot.space:
             for target in parameter.sets:
-                self._space[target.server, target.name] = InSpace(parameter, target)
+                self._space[target.server, target.name] = parameter, target
         groups: Dict[Tuple[str, Any], PlaceGroup] = {}
         self.by_name: Dict[str, PlaceGroup] = {}
         for place in places_of(robot):
             key = place.name, place.value
-            in_space = self._space.get((place.server, place.name))
-            if in_space is not None:
-                key = in_space.parameter.name, in_space.read(place.value)
+            if place.address in self._space:
+                parameter, target = self._space[place.address]
+                key = parameter.name, target.signed(place.value)
             group = groups.setdefault(key, [])
             group.append(place)
             self.by_name.setdefault(place.name, group)
@@ -177,17 +158,19 @@ class GroupedPlaces:
 
     def changed(self, group: PlaceGroup, value: Any) -> Tuple[Change, ...]:
         """Return the changes that give a value of the first place to a group of places."""
-        first = group[0]
-        first_in_space = self._space.get((first.server, first.name))
-        number = first_in_space.read(value) if first_in_space else value
+        if group[0].address in self._space:
+            _, target = self._space[group[0].address]
+            value = target.signed(value)
         changes = []
         for place in group:
-            in_space = self._space.get((place.server, place.name))
-            new_value = in_space.written(number) if in_space else number
+            new_value = value
+            if place.address in self._space:
+                parameter, target = self._space[place.address]
+                new_value = target.signed(min(max(value, parameter.low), parameter.high))
             # A number of samples stays whole.
             new_value = type(place.value)(new_value)
             if new_value != place.value:
-                changes.append(Change(place.server, place.name, place.value, new_value))
+                changes.append(Change(*place.address, place.value, new_value))
         return tuple(changes)
 
 
@@ -220,9 +203,8 @@ def candidates_of(robot: Robot) -> CandidateList:
         *_windows(robot, tree),
         *_limits(robot.local_planner, tree),
     ]
-    rated_candidates.sort(key=lambda rated: -rated.departure)
-    unusual = [rated.candidate for rated in rated_candidates if rated.departure >= UNUSUAL]
-    in_order = [
+    unusual = [rated.candidate for rated in _sorted(rated_candidates) if rated.departure >= UNUSUAL]
+    others = [
         *_weights_of_robots(places, usual_values),
         *_factored(places, [places.by_name[name] for name in FREQUENT]),
         *_escape(places),
@@ -230,12 +212,11 @@ def candidates_of(robot: Robot) -> CandidateList:
         *_factored(places, places.groups),
     ]
     # Several rules may ask for the same change, and for the value in force.
-    others = []
-    for candidate in dict.fromkeys(in_order):
-        is_futile = set(candidate.names) <= set(FUTILE)
-        if not is_futile and candidate not in unusual:
-            others.append(candidate)
-    return CandidateList(list(dict.fromkeys(unusual)), others)
+    tried = {Candidate(())}
+    for listed in (unusual, others):
+        listed[:] = [candidate for candidate in dict.fromkeys(listed) if candidate not in tried]
+        tried.update(listed)
+    return CandidateList(unusual, others)
 
 
 def mildest_first(robot: Robot) -> Callable[[Candidate], Tuple[float, float]]:
@@ -253,11 +234,9 @@ def _usual_instead(places: GroupedPlaces, usual_values: UsualValues) -> List[Rat
     for group in places.groups:
         departure = usual_values.departure(group[0])
         for usual_value in usual_values.to_try(group[0]):
-            changes = places.changed(group, usual_value)
-            if changes:
-                rated_candidates.append(Rated(departure, Candidate(changes)))
-    rated_candidates.sort(key=lambda rated: -rated.departure)
-    return rated_candidates
+            candidate = Candidate(places.changed(group, usual_value))
+            rated_candidates.append(Rated(departure, candidate))
+    return _sorted(rated_candidates)
 
 
 def _weights_of_robots(places: GroupedPlaces, usual_values: UsualValues) -> Iterator[Candidate]:
@@ -287,48 +266,33 @@ def _escape(places: GroupedPlaces) -> Iterator[Candidate]:
 
 def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield the outline of the body in place of a larger footprint."""
-    box = bounding_box(robot)
-    body = np.array([box.front - box.back, box.left - box.right])
+    outline = box_outline(robot)
+    body = np.ptp(outline, axis=0)
     changes = []
-    largest_ratio = 0.0
+    ratio = 1.0
     for costmap in COSTMAPS:
         footprint = yaml_value(tree[costmap].get("footprint", "[]"), "footprint")
         # Without a polygon, the footprint is a circle (robot_radius).
-        if len(footprint) < 3:
-            continue
-        size = np.ptp(np.array(footprint, float), axis=0)
-        excess = float((size - body).max())
-        if excess > LARGER_M:
-            ratio = float((size / body).max())
-            largest_ratio = max(largest_ratio, ratio)
-            changes.append(Change(costmap, "footprint", str(footprint), str(_outline(box))))
-    if changes:
-        length, width = body.tolist()
-        change_in_words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
-        yield _rated(largest_ratio, changes, change_in_words)
-
-
-def _outline(box: Box) -> List[List[float]]:
-    """Return the corners of a box as a footprint has them [m]."""
-    return [
-        [box.back, box.right],
-        [box.back, box.left],
-        [box.front, box.left],
-        [box.front, box.right],
-    ]
+        if len(footprint) >= 3:
+            size = np.ptp(np.array(footprint, float), axis=0)
+            if (size - body).max() > LARGER_M:
+                ratio = max(ratio, float((size / body).max()))
+                changes.append(Change(costmap, "footprint", str(footprint), str(outline)))
+    length, width = body.tolist()
+    change_in_words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
+    yield _rated(ratio, changes, change_in_words)
 
 
 def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield C++'s padding in place of a larger one."""
     changes = []
     for costmap in COSTMAPS:
-        padding = tree[costmap].get("footprint_padding", CPP_PADDING_M)
+        padding = tree[costmap]["footprint_padding"]
         if padding > CPP_PADDING_M:
             changes.append(Change(costmap, "footprint_padding", padding, CPP_PADDING_M))
-    if changes:
-        # A ratio of paddings says little, because the usual one is so small: 10 cm count as twice.
-        ratio = 1.0 + max(_values_before(changes)) / 0.1
-        yield _rated(ratio, changes)
+    # A ratio of paddings says little, because the usual one is so small: 10 cm count as twice.
+    largest = max((change.before for change in changes), default=0.0)
+    yield _rated(1.0 + largest / 0.1, changes)
 
 
 def _ranges(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -340,44 +304,39 @@ def _ranges(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """
     sight = min(SIGHT_S * robot.base.max_speed, robot.laser.range_max)
     usual_range = max(CPP_OBSTACLE_RANGE_M, sight, *methods.obstacle_ranges(robot))
-    usual_ranges = {
-        "obstacle_range": ranges(usual_range),
-        "raytrace_range": {"raytrace_range": CPP_RAYTRACE_RANGE_M},
-    }
-    for parameter_name, usual_values in usual_ranges.items():
+    for usual_values in (ranges(usual_range), {"raytrace_range": CPP_RAYTRACE_RANGE_M}):
+        first_name = next(iter(usual_values))
         changes = []
         for source in laser_sources(tree):
             section = branch(tree, source.path)
-            if section[parameter_name] >= usual_values[parameter_name]:
-                continue
-            for name, usual_value in usual_values.items():
-                if section[name] < usual_value:
-                    changes.append(Change(source.path, name, section[name], usual_value))
-        if changes:
-            # A range of 0 has no ratio.
-            departures = [change.after / max(change.before, 0.01) for change in changes]
-            yield _rated(max(departures), changes)
+            if section[first_name] < usual_values[first_name]:
+                for name, usual_value in usual_values.items():
+                    if section[name] < usual_value:
+                        changes.append(Change(source.path, name, section[name], usual_value))
+        # A range of 0 has no ratio.
+        ratios = [change.after / max(change.before, 0.01) for change in changes]
+        yield _rated(max(ratios, default=1.0), changes)
 
 
 def _windows(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield a local costmap of twice the size."""
     local_costmap = tree["local_costmap"]
+    sizes = [local_costmap[side] for side in WINDOW]
     changes = []
-    for side in ("width", "height"):
-        size = local_costmap[side]
-        changes.append(Change("local_costmap", side, size, type(size)(2 * size)))
+    for side, size in zip(WINDOW, sizes):
+        changes.append(Change("local_costmap", side, size, 2 * size))
     # A smaller window than this lacks obstacles that the laser layers would take up.
     usual_size = 2.0 * CPP_OBSTACLE_RANGE_M * robot.world_scale
-    smallest = max(min(_values_before(changes)), 0.1)
-    yield _rated(max(1.0, usual_size / smallest), changes)
+    yield _rated(usual_size / max(min(sizes), 0.1), changes)
 
 
 def _limits(planner: str, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield half of the largest value in place of a smallest value that exceeds it."""
-    for limits in crossed_limits(planner, tree[planner]):
+    values = tree[planner]
+    for limits in crossed_limits(planner, values):
         if limits.consequence:
-            smallest = tree[planner][limits.low]
-            half = tree[planner][limits.high] / 2
+            smallest = values[limits.low]
+            half = values[limits.high] / 2
             # The owner's largest value stays.
             change = Change(planner, limits.low, smallest, half)
             yield _rated(smallest / max(half, 0.01), [change])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-from operator import itemgetter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -39,6 +38,7 @@ POLICY = "applr"  # the robot's policy
 CHOOSING = 1, 2  # seeds that choose a candidate
 # Seeds that judge the chosen one: as many as a test needs if one drive fails with both values
 CONFIRMING = 3, 4, 5, 6, 7, 8
+RECORDED = Candidate((), "recorded values")  # what candidates are compared with
 ROUND = 3  # number of candidates that drive before the best of them sets the time for others
 CHOSEN = 3  # number of candidates that drive with more than one seed
 JUDGED = 2  # number of candidates that are judged at most
@@ -127,11 +127,11 @@ class Tried(NamedTuple):
     """A candidate that was driven.
 
     Attributes:
-        candidate: The candidate; None for the recorded values.
+        candidate: The candidate, or RECORDED.
         drives: Its drives, for each seed one on each course.
     """
 
-    candidate: Optional[Candidate]
+    candidate: Candidate
     drives: Sequence[Arrival]
 
     @property
@@ -264,7 +264,7 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     """
     is_single = len(courses) == 1
     choosing_runs = _runs(courses, CHOOSING)
-    recorded = Tried(None, _drive(courses, [None], choosing_runs)[None])
+    recorded = Tried(RECORDED, _drive(courses, [RECORDED], choosing_runs)[RECORDED])
     to_beat = {}
     for run, arrival in zip(choosing_runs, recorded.drives):
         to_beat[run] = arrival.seconds if is_single else BEHIND * arrival.seconds
@@ -297,12 +297,10 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     judged = []
     remedy = None
     for candidate in _preferred(finalists, courses[0].robot)[:JUDGED]:
-        undriven: List[Optional[Candidate]] = [candidate]
         # The recorded values drive once, with the first candidate that is judged.
-        if None not in confirming:
-            undriven.append(None)
+        undriven = [entry for entry in (candidate, RECORDED) if entry not in confirming]
         confirming.update(_drive(courses, undriven, _runs(courses, CONFIRMING)))
-        recorded = Tried(None, confirming[None])
+        recorded = Tried(RECORDED, confirming[RECORDED])
         entry = Tried(candidate, confirming[candidate])
         judged.append(entry)
         if is_remedy(entry, recorded, len(courses)):
@@ -312,7 +310,7 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     return WholeDriveTrials(recorded, remedy, tried, judged, policy_decided, len(courses))
 
 
-Drives = Dict[Optional[Candidate], List[Arrival]]
+Drives = Dict[Candidate, List[Arrival]]
 
 
 def _runs(courses: Sequence[DrivenCourse], seeds: Sequence[int]) -> List[CourseRun]:
@@ -326,7 +324,7 @@ def _runs(courses: Sequence[DrivenCourse], seeds: Sequence[int]) -> List[CourseR
 
 def _drive(
     courses: Sequence[DrivenCourse],
-    candidates: Sequence[Optional[Candidate]],
+    candidates: Sequence[Candidate],
     runs: Sequence[CourseRun],
     to_beat: Mapping[CourseRun, float] = {},
 ) -> Drives:
@@ -334,34 +332,31 @@ def _drive(
 
     Args:
         courses: Where they drive.
-        candidates: Candidates; None for the recorded values.
+        candidates: Candidates, or RECORDED.
         runs: Drives of each.
         to_beat: Time [s] by run after which a drive is broken off.
     """
     # All calls first, so that the workers are busy while the results are collected.
     drives_begun = []
     for candidate in candidates:
-        changes = candidate.changes if candidate else ()
         for run in runs:
             limit = to_beat.get(run, math.inf)
-            drives_begun.append((candidate, courses[run.course].begin(changes, run.seed, limit)))
-    drives: Drives = {}
-    for candidate in candidates:
-        drives[candidate] = []
+            begun = courses[run.course].begin(candidate.changes, run.seed, limit)
+            drives_begun.append((candidate, begun))
+    drives: Drives = {candidate: [] for candidate in candidates}
     for candidate, arrival_of in drives_begun:
         try:
             arrival = arrival_of()
         except CallFailed as failure:
             # Values may contradict each other, such as a footprint without an area.
-            if candidate is None:
+            if candidate == RECORDED:
                 problem = "the recorded values cannot be driven in simulation"
                 raise ApplrError(f"{problem}: {failure}") from None
             drives.pop(candidate, None)
             reason = "its worker died" if isinstance(failure, CallLost) else "move_base refuses it"
             _LOGGER.info("%s: left out, %s", candidate, reason)
         else:
-            driven = candidate or "the recorded values"
-            _LOGGER.info("%s: %.1f s%s", driven, arrival.seconds, _end_of(arrival))
+            _LOGGER.info("%s: %.1f s%s", candidate, arrival.seconds, _end_of(arrival))
             if candidate in drives:
                 drives[candidate].append(arrival)
     return drives
@@ -374,10 +369,10 @@ def _end_of(arrival: Arrival) -> str:
     return "" if arrival.success else ", failed"
 
 
-def _ranked(drives: Drives) -> List[Optional[Candidate]]:
+def _ranked(drives: Drives) -> List[Candidate]:
     """Return candidates: those with most drives first, among them those with the least time."""
 
-    def key(candidate: Optional[Candidate]) -> Tuple[int, float]:
+    def key(candidate: Candidate) -> Tuple[int, float]:
         return -len(drives[candidate]), Tried(candidate, drives[candidate]).seconds
 
     return sorted(drives, key=key)
@@ -390,13 +385,11 @@ def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     of a parameter that hinders says more than what makes up for it.
     """
     mildness = mildest_first(robot)
-    ranked: List[Tuple[bool, Tuple[float, float], Candidate]] = []
-    for tried in finalists:
-        if tried.candidate is not None:
-            is_slower = tried.seconds > NEARLY * finalists[0].seconds
-            ranked.append((is_slower, mildness(tried.candidate), tried.candidate))
-    ranked.sort(key=itemgetter(0, 1))
-    return [candidate for *_, candidate in ranked]
+
+    def key(tried: Tried) -> Tuple[bool, Tuple[float, float]]:
+        return tried.seconds > NEARLY * finalists[0].seconds, mildness(tried.candidate)
+
+    return [tried.candidate for tried in sorted(finalists, key=key)]
 
 
 def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:

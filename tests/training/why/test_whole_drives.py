@@ -22,6 +22,7 @@ from tests.support.drives import simulated
 from training.attempts import trials as whole_drives
 from training.attempts.candidates import Candidate, with_changes
 from training.attempts.trials import (
+    RECORDED,
     Arrival,
     DriveConditions,
     DrivenCourse,
@@ -387,7 +388,7 @@ def tried(candidate, *seconds, limit=25.0):
 
 def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_sure_it_is(replayed):
     remedy = tried(MENDED, 12.0, 13.0, 14.0)
-    trials = WholeDriveTrials(tried(None, 29.0, 29.0, 21.0), remedy, [remedy])
+    trials = WholeDriveTrials(tried(RECORDED, 29.0, 29.0, 21.0), remedy, [remedy])
     event_line, advice, certainty, *_ = answer.lines_of(diagnosed(replayed, trials))
     assert event_line == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
     assert advice == (
@@ -399,7 +400,7 @@ def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_su
 
 
 def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
-    no_remedy = WholeDriveTrials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
+    no_remedy = WholeDriveTrials(tried(RECORDED, 12.0), None, [tried(MENDED, 12.0)])
     change = Change(PLANNER, "sim_time", 2.0, 1.0)
 
     def advice(trials, gain):
@@ -414,14 +415,14 @@ def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
 
     # A guess that was driven in vain is none.
     driven_guess = tried(Candidate((change,)), 12.0)
-    in_vain = WholeDriveTrials(tried(None, 12.0), None, [driven_guess])
+    in_vain = WholeDriveTrials(tried(RECORDED, 12.0), None, [driven_guess])
     assert advice(in_vain, gain=0.2) == "Nothing that was tried helped."
 
 
 def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed):
     chosen = tried(MENDED, 8.0, 8.0)
     judged = tried(MENDED, 12.0, 12.0, 9.0)
-    trials = WholeDriveTrials(tried(None, 12.0), None, [chosen], [judged])
+    trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [chosen], [judged])
     lines = answer.lines_of(diagnosed(replayed, trials))
     assert lines[1] == "Nothing that was tried helped with each seed."
     assert lines[-1] == (
@@ -441,7 +442,7 @@ def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
-    trials = WholeDriveTrials(tried(None, 12.0), None, [])
+    trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [])
     far_away = diagnosed(replayed, trials)
     far_away.diagnosis.events[0].place = (4.0, 4.0)
     assert "the robot does not stop there." in answer.how_sure(far_away)
