@@ -12,6 +12,7 @@ import pytest
 from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import FLIPPED
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
@@ -26,6 +27,7 @@ from training.attempts.verdict import (
     wilson,
 )
 from training.evaluate import paper, report, tables
+from training.evaluate import verdict as judging
 from training.evaluate.profiles import LIMITS, profiles
 from training.evaluate.report import summary, write
 from training.evaluate.stored import Results, set_of
@@ -248,8 +250,10 @@ def test_of_two_rivals_each_needs_half_the_level(results, monkeypatch, p, is_bet
     rivals = results.rivals
     assert len(rivals) == 2
     gain = Estimate(0.1, 0.0, 0.2)
-    made = {rival: Comparison(50, Estimate(-2.0, -4.0, 0.0), gain, p) for rival in rivals}
-    monkeypatch.setattr(report, "comparisons", lambda _: made)
+    comparison = Comparison(50, Estimate(-2.0, -4.0, 0.0), gain, p)
+    monkeypatch.setattr(judging, "compare", lambda scores, others: comparison)
+    # Neither has a flaw.
+    monkeypatch.setattr(judging, "worst_tenth", lambda scores: dict.fromkeys(scores, 0.0))
     words = "is better than" if is_better else "is not clearly better than"
     assert words in report.headline(results)
     answer = "yes" if is_better else "no"
@@ -260,13 +264,27 @@ def test_the_headline_names_the_rival_that_saves_most(results, monkeypatch):
     first_rival, second_rival = results.rivals
     gain = Estimate(0.1, 0.0, 0.2)
     for best, others_s, best_s in ((second_rival, -2.0, -5.0), (first_rival, 3.0, -1.0)):
-        made = {}
+        made = []
         for rival in results.rivals:
             difference = best_s if rival == best else others_s
             estimate = Estimate(difference, difference - 1.0, difference + 1.0)
-            made[rival] = Comparison(50, estimate, gain, 0.001)
-        monkeypatch.setattr(report, "comparisons", lambda _, made=made: made)
+            comparison = Comparison(50, estimate, gain, 0.001)
+            made.append(judging.Judged(rival, "dwa", comparison, 0.05, ""))
+        monkeypatch.setattr(report, "judged", lambda *_, made=made: made)
         assert report.headline(results).startswith(f"{best} is better than dwa: ")
+
+
+def test_a_rival_that_falls_over_is_no_better_in_a_report_either(results, monkeypatch):
+    """As in the verdicts of tune and train."""
+    comparison = Comparison(50, Estimate(-2.0, -4.0, 0.0), Estimate(0.1, 0.0, 0.2), 0.001)
+    monkeypatch.setattr(judging, "compare", lambda scores, others: comparison)
+    rival = results.rivals[0]
+    trials = results.trials
+    has_fallen = trials.method == rival
+    monkeypatch.setattr(results, "trials", trials.assign(reason=np.where(has_fallen, FLIPPED, "")))
+    (line, *_) = report.summary(results)
+    assert line.startswith(f"{rival} better: no, ")
+    assert "it falls over in " in line
 
 
 # -- groups of worlds ------------------------------------------------------------------------------
