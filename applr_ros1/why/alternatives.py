@@ -35,7 +35,7 @@ LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
 
 
-Changes = Tuple[Change, ...]  # changes that are tried together; the first one names them
+ChangesTogether = Tuple[Change, ...]  # changes that are tried together; the first one names them
 
 
 class MeanResult(NamedTuple):
@@ -62,7 +62,7 @@ class Alternative:
         elsewhere: Change of the speed from cycles outside the events [m/s].
     """
 
-    changes: Changes
+    changes: ChangesTogether
     default: Any
     before: MeanResult
     after: MeanResult
@@ -105,7 +105,7 @@ def _distance(a: float, b: float) -> float:
 
 
 def guesses_of(
-    diagnosis: Diagnosis, attempts: Optional[Sequence[Changes]] = None
+    diagnosis: Diagnosis, attempts: Optional[Sequence[ChangesTogether]] = None
 ) -> List[Alternative]:
     """Return alternatives, those with which the planner drives on fastest first.
 
@@ -142,7 +142,7 @@ def guesses_of(
     return best_changes(replay, attempts, tried_from, some(other_cycles, CYCLES))
 
 
-def changes_to_try(replay: Replay) -> List[Changes]:
+def changes_to_try(replay: Replay) -> List[ChangesTogether]:
     """Return changes of parameters of the local planner and of the local inflation layers."""
     changes = []
     for server in replay.planner.tunable_servers:
@@ -155,7 +155,9 @@ def changes_to_try(replay: Replay) -> List[Changes]:
     return changes
 
 
-def drive_on(replay: Replay, cycles: Sequence[ReplayedCycle], changes: Changes = ()) -> np.ndarray:
+def drive_on(
+    replay: Replay, cycles: Sequence[ReplayedCycle], changes: ChangesTogether = ()
+) -> np.ndarray:
     """Drive on from cycles, with changes of the values in force.
 
     Returns:
@@ -192,7 +194,7 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, seconds: float) -> float:
     return speed
 
 
-def together(settings: Settings, change: Change) -> Changes:
+def together(settings: Settings, change: Change) -> ChangesTogether:
     """Return a change with the one that belongs to it: symmetric limits of turns stay symmetric."""
     if change.name != "max_vel_theta":
         return (change,)
@@ -206,7 +208,7 @@ def together(settings: Settings, change: Change) -> Changes:
 
 def best_changes(
     replay: Replay,
-    attempts: Sequence[Changes],
+    attempts: Sequence[ChangesTogether],
     cycles: Sequence[ReplayedCycle],
     others: Sequence[ReplayedCycle],
 ) -> List[Alternative]:

@@ -201,7 +201,7 @@ def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_three_rem
         "courses succeed if you set DWAPlannerROS/path_distance_bias to 32 instead of 0.6 and set "
         "DWAPlannerROS/goal_distance_bias to 20 instead of 0.8, or "
         "set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01, or "
-        "set DWAPlannerROS/goal_distance_bias to 2.4 instead of 0.8"
+        "set DWAPlannerROS/goal_distance_bias to 1.6 instead of 0.8"
     )
 
 
