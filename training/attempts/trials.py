@@ -144,6 +144,10 @@ class Tried(NamedTuple):
         """Mean time [s]. A failed drive counts the limit."""
         return float(_seconds(self.drives).mean())
 
+    def on_course(self, number: int, course_count: int) -> Tried:
+        """Return the drives on one of several courses."""
+        return self._replace(drives=self.drives[number::course_count])
+
     @override
     def __str__(self) -> str:
         arrived = [drive.seconds for drive in self.drives if drive.success]
@@ -179,7 +183,7 @@ class WholeDriveTrials(NamedTuple):
         """Return the drives on one of the courses."""
 
         def there(tried: Tried) -> Tried:
-            return tried._replace(drives=tried.drives[number :: self.course_count])
+            return tried.on_course(number, self.course_count)
 
         return self._replace(
             recorded=there(self.recorded),
@@ -406,8 +410,8 @@ def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:
     if not clearly_worse(_seconds(recorded.drives), _seconds(tried.drives)):
         return False
     for number in range(course_count):
-        drives = tried.drives[number::course_count]
-        if _is_worse(drives, recorded.drives[number::course_count]):
+        there = tried.on_course(number, course_count)
+        if _is_worse(there, recorded.on_course(number, course_count)):
             return False
     return True
 
@@ -417,12 +421,9 @@ def _is_better(tried: Tried, recorded: Tried) -> bool:
     return tried.arrivals >= recorded.arrivals and tried.seconds <= BETTER * recorded.seconds
 
 
-def _is_worse(drives: Sequence[Arrival], recorded_drives: Sequence[Arrival]) -> bool:
+def _is_worse(tried: Tried, recorded: Tried) -> bool:
     """Return whether drives on a course arrive less often, or clearly later, than recorded ones."""
-    arrivals = sum(drive.success for drive in drives)
-    recorded_arrivals = sum(drive.success for drive in recorded_drives)
-    is_slower = _seconds(drives).sum() > NEARLY * _seconds(recorded_drives).sum()
-    return arrivals < recorded_arrivals or bool(is_slower)
+    return tried.arrivals < recorded.arrivals or tried.seconds > NEARLY * recorded.seconds
 
 
 def _seconds(drives: Sequence[Arrival]) -> np.ndarray:

@@ -6,10 +6,10 @@ none of them worse, with seeds that did not choose it.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any, Callable, DefaultDict, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.settings import Change
@@ -112,16 +112,15 @@ def worst_bags(logbook: Logbook) -> List[LoggedBag]:
 
 
 def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
-    """Return the candidates of all bags: first those that rank high in many of them."""
-    scores: DefaultDict[Tuple[Any, ...], float] = defaultdict(float)
+    """Return the candidates of all bags, those that many of them have first."""
+    counts: Counter[Tuple[Any, ...]] = Counter()
     first_candidates: Dict[Tuple[Any, ...], Candidate] = {}
     for bag in bags:
-        for rank, stored in enumerate(bag.answer.candidates):
-            candidate = stored.candidate
-            scores[candidate.new_values] += 1.0 / (1.0 + rank)
-            first_candidates.setdefault(candidate.new_values, candidate)
-    ranked = sorted(first_candidates, key=lambda new_values: -scores[new_values])
-    return [first_candidates[new_values] for new_values in ranked[:CANDIDATES]]
+        for stored in bag.answer.candidates:
+            new_values = stored.candidate.new_values
+            counts[new_values] += 1
+            first_candidates.setdefault(new_values, stored.candidate)
+    return [first_candidates[new_values] for new_values, _ in counts.most_common(CANDIDATES)]
 
 
 class KeptCourse:

@@ -74,8 +74,7 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     if diagnosis.part is not None or longest_event.is_asked:
         return None
     policy_decides = decides(replay.recording)
-    recorded = _recorded_robot(replay, longest_event, policy_decides)
-    robot = recorded
+    robot = _recorded_robot(replay, longest_event, policy_decides)
     if robot.frames.matched in drive.frames.get("routes", ()):
         robot = robot.in_matched_frame()
 
@@ -102,7 +101,7 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
         ends_at_tolerance=longest_event.kind != AT_GOAL,
         policy_decides=policy_decides,
     )
-    return RecordedCourse(conditions, candidates(recorded, guesses, policy_decides))
+    return RecordedCourse(conditions, candidates(robot, guesses, policy_decides))
 
 
 def _recorded_robot(replay: Replay, event: Event, policy_decides: bool) -> Robot:

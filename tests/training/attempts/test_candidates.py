@@ -17,7 +17,6 @@ from training.attempts.candidates import (
     Candidate,
     advice_of,
     candidates_of,
-    mildest_first,
     with_changes,
 )
 from training.attempts.usual_values import UsualValues, places_of
@@ -177,37 +176,20 @@ def test_no_change_is_tried_twice(robot):
     assert len(set(candidates)) == len(candidates) > 20
 
 
-def test_values_of_most_robots_are_preferred_to_those_nearest_to_the_robots_own():
-    """Of the usual values of the Husky's weight for the goal, two robots have 20, and none 9."""
-    in_order = []
-    for value in (9.0, 20.0, 2.0):
-        in_order.append(Candidate((Change("DWAPlannerROS", "goal_distance_bias", 0.8, value),)))
-    in_order.sort(key=mildest_first(HUSKY))
-    assert [candidate.changes[0].after for candidate in in_order] == [20.0, 2.0, 9.0]
-
-
 # -- what a recorded drive is tried with
-def guess(candidate):
-    """Return what the replay ranks, which knows other values before the changes."""
-    return SimpleNamespace(changes=[change._replace(before=7.0) for change in candidate.changes])
-
-
-def test_why_drives_a_part_of_the_list_that_check_drives_in_its_order():
+@pytest.mark.parametrize("most", [remedies.CANDIDATES, 4])
+def test_why_drives_a_part_of_the_list_that_check_drives_in_its_order(most, monkeypatch):
+    monkeypatch.setattr(remedies, "CANDIDATES", most)
     robot = planner_of_burger(goal_distance_bias=0.5, sim_time=0.1)
-    candidate_list = candidates_of(robot)
-    guesses = [guess(candidate_list.others[index]) for index in (9, 3, 5)]
+    unusual, others = candidates_of(robot)
+    guesses = []
+    for candidate in (others[9], others[3], others[5]):
+        # The replay knows other values before the changes.
+        changes = [change._replace(before=7.0) for change in candidate.changes]
+        guesses.append(SimpleNamespace(changes=changes))
     chosen = remedies.candidates(robot, guesses, policy_decides=False)
-    likely = [candidate_list.others[index] for index in (3, 5, 9)]
-    assert chosen == [*candidate_list.unusual, *likely]
     # Many unusual values leave room for what the replay ranks.
-    with_room = remedies.CANDIDATES - len(likely)
-    many = {name: 0.01 for name in ("acc_lim_theta", "acc_lim_x", "path_distance_bias")}
-    many_unusual = planner_of_burger(goal_distance_bias=0.01, vth_samples=1, vx_samples=1, **many)
-    candidate_list = candidates_of(many_unusual)
-    assert len(candidate_list.unusual) > with_room
-    guesses = list(map(guess, candidate_list.others[:3]))
-    chosen = remedies.candidates(many_unusual, guesses, policy_decides=False)
-    assert chosen == [*candidate_list.unusual[:with_room], *candidate_list.others[:3]]
+    assert chosen == [*unusual[: most - 3], others[3], others[5], others[9]]
 
 
 def test_why_gives_the_robot_no_more_speed_than_its_owner_wants():
@@ -292,22 +274,19 @@ def test_a_robot_is_tried_with_obstacles_marked_two_seconds_ahead_or_as_far_as_i
 
 def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
     for candidate in all_candidates(BURGER):
-        assert "footprint" not in candidate.names
-        assert "footprint_padding" not in candidate.names
+        assert not {"footprint", "footprint_padding"} & set(candidate.names)
     # The Jackal's files have a padding above the default of the C++ costmap.
     of_jackal = list(map(str, all_candidates(JACKAL)))
     assert "footprint_padding 0.1 -> 0.01 in both costmaps" in of_jackal
 
 
 def test_a_usual_window_is_not_tried():
-    """The Jackal's local costmap of 10 m is large enough; one of 3 m is not."""
+    """The Jackal's local costmap of 10 m is large enough, as one of 3 m is for a Burger."""
 
-    def names_with(size):
-        window = [Change("local_costmap", side, 10.0, size) for side in ("width", "height")]
-        robot = with_changes(JACKAL, window, f"jackal with a window of {size} m")
+    def names_of(robot):
         return [candidate.names for candidate in all_candidates(robot)]
 
-    assert ["width", "height"] not in names_with(10.0)
-    assert ["width", "height"] in names_with(3.0)
-    # A smaller robot needs a smaller one.
-    assert ["width", "height"] not in [candidate.names for candidate in all_candidates(BURGER)]
+    window = {"local_costmap": {"width": 3.0, "height": 3.0}}
+    small_window = JACKAL.with_parameters(window, "jackal with a small window")
+    assert ["width", "height"] in names_of(small_window)
+    assert ["width", "height"] not in names_of(JACKAL) + names_of(BURGER)

@@ -299,28 +299,22 @@ def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch)
     assert trials_of(course, 1.0, 0.5, 1.5).remedy is None
 
 
-def test_a_usual_value_is_preferred_to_a_nearer_one_that_no_robot_has(course, monkeypatch):
-    """The default of sim_time is 1.7 s; 2.0 s is in force."""
-    drives_as(monkeypatch, {"": {0: 20.0}, 3.0: {0: 14.5}, 1.25: {0: 15.0}})
-    trials = trials_of(course, 3.0, 1.25)
-    assert value_of(trials.remedy) == 1.25
-
-    # Five seconds are worth an unusual value.
-    drives_as(monkeypatch, {"": {0: 20.0}, 3.0: {0: 10.0}, 1.25: {0: 15.0}})
-    trials = trials_of(course, 3.0, 1.25)
-    assert value_of(trials.remedy) == 3.0
-
-
-def test_the_smaller_of_two_changes_that_are_about_as_fast_is_the_remedy(course, monkeypatch):
-    # sim_time was 2: 0.2 is a tenth of it, and 1.0 half. Half a second's gain is not worth the
-    # larger change, five seconds' is.
-    drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 14.5}, 1.0: {0: 15.0}})
-    trials = trials_of(course, 0.2, 1.0)
-    assert value_of(trials.remedy) == 1.0
-
-    drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 10.0}, 1.0: {0: 15.0}})
-    trials = trials_of(course, 0.2, 1.0)
-    assert value_of(trials.remedy) == 0.2
+@pytest.mark.parametrize(
+    ("milder", "wilder"),
+    [
+        # sim_time was 2 s: 0.2 is a tenth of it, and 1.0 half.
+        (1.0, 0.2),
+        # The default is 1.7 s. No robot has a value near 3.0, which is nearer to 2.
+        (1.25, 3.0),
+    ],
+)
+def test_the_milder_of_two_changes_that_are_about_as_fast_is_the_remedy(
+    course, monkeypatch, milder, wilder
+):
+    # Half a second's gain is not worth the wilder change, five seconds' is.
+    for seconds, value in ((14.5, milder), (10.0, wilder)):
+        drives_as(monkeypatch, {"": {0: 20.0}, wilder: {0: seconds}, milder: {0: 15.0}})
+        assert value_of(trials_of(course, wilder, milder).remedy) == value
 
 
 def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
