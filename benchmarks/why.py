@@ -26,7 +26,6 @@ from applr_ros1.drives.outcome import Outcome
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
-from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.fitting import Fittable, plans_of
 from applr_ros1.why.recording import Recording
@@ -34,12 +33,12 @@ from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
+from training.attempts.candidates import Candidate, candidates_of, with_changes
+from training.attempts.trials import RANDOM
 from training.why import __main__ as why
 from training.why.answer import Answer, lines_of, undriven_guess
-from training.why.candidates import Candidate, file_candidates, with_changes
 from training.why.recorded import recording_of
-from training.why.remedies import driven_trials
-from training.why.whole_drives import RANDOM
+from training.why.remedies import driven_trials, possible_guesses
 from training.workers.pool import Pool
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
@@ -279,7 +278,7 @@ def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
     earlier_value = values[chosen_name]
     scaled_value = earlier_value * float(rng.choice([0.5, 2.0]))
     change = Change(server, chosen_name, earlier_value, scaled_value)
-    candidates = [Candidate((change,)), *file_candidates(robot)]
+    candidates = [Candidate((change,)), *candidates_of(robot).unusual]
     return candidates[int(rng.integers(min(2, len(candidates))))]
 
 
@@ -371,7 +370,7 @@ class Bench:
         if replay.cycles:
             with Pool(0) as pool:
                 diagnosis = diagnose(replay)
-                guesses = guesses_of(diagnosis)
+                guesses = possible_guesses(diagnosis)
                 answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
             answer_in_words = " | ".join(lines_of(answer)[:3])
         else:  # The planner never had a path, and the command says so.
@@ -383,7 +382,7 @@ class Bench:
         time_before = mean_time(robot, table_row.world)
         time_after = time_before
         remedy = answer.trials.remedy if answer.trials else None
-        if remedy is not None and remedy.candidate is not None:
+        if remedy is not None:
             named_parameters = remedy.candidate.names
             remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
             time_after = mean_time(remedied_robot, table_row.world)

@@ -635,7 +635,7 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
     """Yield inconsistent values in footprint and observation sources of a costmap."""
     robot = setup.robot
     values = setup.full[costmap]
-    outline = _box_outline(robot)
+    outline = geometry.box_outline(robot)
     if _has_no_footprint(setup, costmap):
         corners = ", ".join(map(_list, outline))
         substitute = f"a circle of {values['robot_radius']:g} m is used"
@@ -705,20 +705,6 @@ def unlike_sizes(outline: Array, robot: Array, ratio: float = UNLIKE) -> str:
 def _outline(values: Dict[str, Any]) -> Array:
     """Return the padded footprint (n, 2) of a costmap with these values [m]."""
     return footprint.padded(values)
-
-
-def _box_outline(robot: Robot) -> List[List[float]]:
-    """Return the corners [x, y] of the box around body and wheels, three digits each [m]."""
-    box = geometry.bounding_box(robot)
-    outline = []
-    for x, y in (
-        (box.back, box.right),
-        (box.back, box.left),
-        (box.front, box.left),
-        (box.front, box.right),
-    ):
-        outline.append([float(f"{x:.3g}"), float(f"{y:.3g}")])
-    return outline
 
 
 def _has_no_footprint(setup: _Setup, costmap: str) -> bool:

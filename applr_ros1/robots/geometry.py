@@ -196,3 +196,17 @@ def balance(robot: Robot) -> Balance:
     sideways_moment = weight * y - caster_loads @ caster_y
     shift = sideways_moment / base.track
     return Balance(mass, (x, y), np.array([half_load + shift, half_load - shift, *caster_loads]))
+
+
+def box_outline(robot: Robot) -> List[List[float]]:
+    """Return the corners [x, y] of the box around body and wheels, three digits each [m]."""
+    box = bounding_box(robot)
+    outline = []
+    for x, y in (
+        (box.back, box.right),
+        (box.back, box.left),
+        (box.front, box.left),
+        (box.front, box.right),
+    ):
+        outline.append([float(f"{x:.3g}"), float(f"{y:.3g}")])
+    return outline

@@ -16,9 +16,10 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
-from applr_ros1.planner.parameters.parameter import Parameter, by_name
+from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.factors import other_values
 from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
 _LOGGER = logging.getLogger(__name__)
@@ -28,33 +29,13 @@ LEAST = 3
 LEAD_S = 2.0  # time before an event from which these cycles begin: the way into it shows most [s]
 EARLY = 2.0  # how much early ones among them are preferred, see some()
 AHEAD = 40  # number of control cycles for which the planner drives on
-FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
 FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
-LEAST_CHANGE = 0.1  # smallest relative change that is tried
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
-# Parameters that are not tried
-LEFT_OUT = (
-    # They set the speed that is wanted, or forbid to be slow.
-    "max_vel_x",
-    "max_vel_trans",
-    "min_vel_x",
-    "min_vel_trans",
-    "escape_vel",
-    # The owner says when a goal is reached.
-    "xy_goal_tolerance",
-    "yaw_goal_tolerance",
-    # They cannot free a robot with differential drive.
-    "restore_defaults",
-    "enabled",
-    "acc_lim_y",
-    "vy_samples",
-    "holonomic_robot",
-    "dwa",
-    "use_dwa",
-    "prune_plan",
-)
+
+
+ChangesTogether = Tuple[Change, ...]  # changes that are tried together; the first one names them
 
 
 class MeanResult(NamedTuple):
@@ -81,7 +62,7 @@ class Alternative:
         elsewhere: Change of the speed from cycles outside the events [m/s].
     """
 
-    changes: Tuple[Change, ...]
+    changes: ChangesTogether
     default: Any
     before: MeanResult
     after: MeanResult
@@ -123,8 +104,15 @@ def _distance(a: float, b: float) -> float:
     return abs(a - b)
 
 
-def guesses_of(diagnosis: Diagnosis) -> List[Alternative]:
-    """Return alternatives, those with which the planner drives on fastest first."""
+def guesses_of(
+    diagnosis: Diagnosis, attempts: Optional[Sequence[ChangesTogether]] = None
+) -> List[Alternative]:
+    """Return alternatives, those with which the planner drives on fastest first.
+
+    Args:
+        diagnosis: Diagnosis of a recorded drive.
+        attempts: Changes of the values in force that are tried, by default changes_to_try().
+    """
     # No parameter helps a robot that stops for a part of itself.
     if diagnosis.part is not None:
         return []
@@ -149,49 +137,28 @@ def guesses_of(diagnosis: Diagnosis) -> List[Alternative]:
         time_share = cycle_count / cycle_total
         cycles_with_lead = replay.between(event.begin - LEAD_S, event.end)
         tried_from += some(cycles_with_lead, max(LEAST, round(CYCLES * time_share)), EARLY)
-    return best_changes(replay, changes_to_try(replay), tried_from, some(other_cycles, CYCLES))
+    if attempts is None:
+        attempts = changes_to_try(replay)
+    return best_changes(replay, attempts, tried_from, some(other_cycles, CYCLES))
 
 
-def changes_to_try(replay: Replay) -> List[Change]:
+def changes_to_try(replay: Replay) -> List[ChangesTogether]:
     """Return changes of parameters of the local planner and of the local inflation layers."""
     changes = []
     for server in replay.planner.tunable_servers:
         for parameter in replay.planner.parameters(server):
             in_force = replay.settings[server].get(parameter.name, "")
-            if parameter.name in LEFT_OUT or isinstance(in_force, str):
-                continue
-            for other_value in _other_values(parameter, in_force):
-                changes.append(Change(server, parameter.name, in_force, other_value))
+            if not isinstance(in_force, str):
+                for other_value in other_values(parameter, in_force):
+                    change = Change(server, parameter.name, in_force, other_value)
+                    changes.append(together(replay.settings, change))
     return changes
 
 
-def _other_values(parameter: Parameter, value: Any) -> List[Any]:
-    """Return the values to try instead of one: C++'s default, twice and half the value.
-
-    None of them lies beyond the default, where a change that helps is rarely found first.
-    """
-    default = parameter.default
-    values = {default}
-    if not isinstance(value, bool):
-        for factor in FACTORS:
-            other_value = parameter.convert(value * factor)
-            if min(value, other_value) < default < max(value, other_value):
-                other_value = default
-            values.add(parameter.clamp(other_value))
-    least_change = 0.0
-    if isinstance(value, float):
-        least_change = LEAST_CHANGE * abs(value)
-    other_values = []
-    for other_value in sorted(values):
-        if other_value != value and abs(other_value - value) >= least_change:
-            other_values.append(other_value)
-    return other_values
-
-
 def drive_on(
-    replay: Replay, cycles: Sequence[ReplayedCycle], change: Optional[Change] = None
+    replay: Replay, cycles: Sequence[ReplayedCycle], changes: ChangesTogether = ()
 ) -> np.ndarray:
-    """Drive on from cycles, with another value of a parameter or with those in force.
+    """Drive on from cycles, with changes of the values in force.
 
     Returns:
         (n, 2) mean speeds along the plan [m/s], and smallest distances of the robot's centre from
@@ -199,9 +166,7 @@ def drive_on(
     """
     results = []
     for cycle in cycles:
-        settings = cycle.settings
-        if change is not None:
-            settings = settings.with_(*together(settings, change))
+        settings = cycle.settings.with_(*changes) if changes else cycle.settings
         track, lethal_points = replay.ahead(cycle, settings, AHEAD)
         # Every fourth position is near enough to the next one: 0.1 m at 0.5 m/s.
         clearances = distances(track[::4, None], lethal_points)
@@ -229,7 +194,7 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, seconds: float) -> float:
     return speed
 
 
-def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
+def together(settings: Settings, change: Change) -> ChangesTogether:
     """Return a change with the one that belongs to it: symmetric limits of turns stay symmetric."""
     if change.name != "max_vel_theta":
         return (change,)
@@ -243,7 +208,7 @@ def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
 
 def best_changes(
     replay: Replay,
-    changes_tried: Sequence[Change],
+    attempts: Sequence[ChangesTogether],
     cycles: Sequence[ReplayedCycle],
     others: Sequence[ReplayedCycle],
 ) -> List[Alternative]:
@@ -253,7 +218,7 @@ def best_changes(
 
     Args:
         replay: Replayed drive.
-        changes_tried: Changes to try.
+        attempts: Changes to try.
         cycles: Cycles from which the planner drives on.
         others: Cycles outside the events, where a change should do no harm.
     """
@@ -267,21 +232,23 @@ def best_changes(
     nearest = min(nearest_before, inscribed_radius - replay.planner.resolution)
     settings = cycles[0].settings
     by_parameter: Dict[Tuple[str, str], List[Alternative]] = {}
-    for change_tried in changes_tried:
-        in_force = settings[change_tried.server][change_tried.name]
-        change = change_tried._replace(before=in_force)
+    for attempt in attempts:
+        changes = tuple(
+            change._replace(before=settings[change.server][change.name]) for change in attempt
+        )
+        change = changes[0]
         with suppress(ApplrError):  # The value may contradict that of another parameter.
             # Most changes do nothing, which some of the cycles show.
-            speeds, _ = drive_on(replay, cycles[::FEW], change).T
+            speeds, _ = drive_on(replay, cycles[::FEW], changes).T
             gain_m_s = (speeds - speeds_before[::FEW]).mean()
             if gain_m_s <= LITTLE:
                 _LOGGER.info("%s: left out, %+.2f m/s", change, gain_m_s)
                 continue
-            results_after = drive_on(replay, cycles, change)
+            results_after = drive_on(replay, cycles, changes)
             _, clearances = results_after.T
             declared = by_name(replay.planner.parameters(change.server))[change.name]
             alternative = Alternative(
-                together(settings, change),
+                changes,
                 declared.default,
                 before=MeanResult(*results_before.mean(axis=0).tolist()),
                 after=MeanResult(*results_after.mean(axis=0).tolist()),
@@ -298,7 +265,7 @@ def best_changes(
     if len(others):
         usual_speeds, _ = drive_on(replay, others).T
         for alternative in best_alternatives[:ELSEWHERE]:
-            speeds, _ = drive_on(replay, others, alternative.change).T
+            speeds, _ = drive_on(replay, others, alternative.changes).T
             alternative.elsewhere = float((speeds - usual_speeds).mean())
     return best_alternatives
 

@@ -81,7 +81,7 @@ def test_driving_on_follows_the_commands(replay):
     assert 0.2 < distance < 3.0
 
     more_samples = Change(PLANNER, "vx_samples", 1, 20)
-    ((higher_speed, _),) = alternatives.drive_on(replay, [cycle], more_samples)
+    ((higher_speed, _),) = alternatives.drive_on(replay, [cycle], [more_samples])
     assert higher_speed > 0.2
 
     # Symmetric limits stay so.
@@ -128,13 +128,13 @@ def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatc
         slower: (0.3, 0.5),
     }
 
-    def drive_on(replay, cycles, change=None):
-        return np.array([results[change]] * len(cycles))
+    def drive_on(replay, cycles, changes=(None,)):
+        return np.array([results[changes[0]]] * len(cycles))
 
     monkeypatch.setattr(alternatives, "drive_on", drive_on)
     (alternative,) = alternatives.best_changes(
         replay,
-        [fast_but_close, slower],
+        [(fast_but_close,), (slower,)],
         replay.cycles[:4],
         replay.cycles[4:6],
     )
@@ -160,11 +160,11 @@ def test_the_best_value_of_each_parameter_is_left_that_fits_past_obstacles(repla
             little: (0.105, 0.5),
         }
 
-        def drive_on(replay, cycles, change=None):
-            return np.array([results[change]] * len(cycles))
+        def drive_on(replay, cycles, changes=(None,)):
+            return np.array([results[changes[0]]] * len(cycles))
 
         monkeypatch.setattr(alternatives, "drive_on", drive_on)
-        tried = [slower, faster, little, other]
+        tried = [(slower,), (faster,), (little,), (other,)]
         kept = alternatives.best_changes(replay, tried, replay.cycles[:4], [])
         return [alternative.change.after for alternative in kept]
 
@@ -184,16 +184,16 @@ def test_values_are_tried_up_to_the_default_and_none_that_the_owner_sets(replay)
         return alternatives.changes_to_try(replace(replay, history=history))
 
     for sim_time, expected in (
-        (5.0, [1.7, 2.5, 10.0]),  # the default, half and twice the value
+        (5.0, [2.5, 10.0, 1.7]),  # the default, half and twice the value
         (2.0, [1.7, 4.0]),  # Half of it lies beyond the default.
-        (1.0, [0.5, 1.7]),  # So does twice this value.
+        (1.0, [1.7, 0.5]),  # So does twice this value.
         (1.8, [3.6]),  # The default is less than a tenth away.
     ):
         changes = changes_from(sim_time)
-        values = [change.after for change in changes if change.name == "sim_time"]
+        values = [change.after for (change, *_) in changes if change.name == "sim_time"]
         assert values == expected, sim_time
 
-    names = {change.name for change in changes_from(2.0)}
+    names = {change.name for (change, *_) in changes_from(2.0)}
     assert {"sim_time", "vx_samples", "inflation_radius"} <= names
     assert not names & {"max_vel_x", "min_vel_x", "escape_vel", "holonomic_robot", "dwa"}
 

@@ -10,7 +10,7 @@ from applr_ros1.drives.drive import Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from applr_ros1.why import alternatives
+from applr_ros1.why import alternatives, factors
 from applr_ros1.why import replay as replay_module
 from applr_ros1.why.moment import Memory
 from applr_ros1.why.recording import Recording
@@ -50,7 +50,7 @@ def delayed(motion):
 def folder(tmp_path, monkeypatch):
     """Return an empty folder, and let the command try little, so that it is fast."""
     monkeypatch.setattr(alternatives, "CYCLES", 2)
-    monkeypatch.setattr(alternatives, "FACTORS", ())
+    monkeypatch.setattr(factors, "FACTORS", ())
     return tmp_path
 
 

@@ -23,8 +23,8 @@ from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.robots.geometry import radius
 from tests.support import scenes
 from tests.support.refusals import refused
+from training.attempts.verdict import FEWEST_WORLDS, LEVEL, exchanged
 from training.env.settings import TrialSettings
-from training.evaluate.compare import FEWEST_WORLDS, LEVEL, exchanged
 from training.evaluate.runner import TrialRunner, at_scale
 from training.robot import check as check_robot
 from training.tune import __main__ as tune_robot

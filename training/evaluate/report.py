@@ -18,11 +18,10 @@ from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.page import SCENE
 from training.common.folders import make_folder
 from training.evaluate import drives_page
-from training.evaluate.compare import Comparison, corrected
 from training.evaluate.profiles import profiles
 from training.evaluate.stored import SETS, TEST, Results
 from training.evaluate.tables import TABLES
-from training.evaluate.verdict import arrivals_of, compared, sentence
+from training.evaluate.verdict import Judged, arrivals_of, compared, judged, sentence
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,35 +143,23 @@ def judged_trials(results: Results) -> pd.DataFrame:
     return results.trials[results.trials.world.isin(worlds)]
 
 
-def comparisons(results: Results) -> Dict[str, Comparison]:
-    """Return the comparison of each rival with the baseline in judged_trials(), by method."""
-    worlds = judged_trials(results).world.unique().tolist()
-    made = {}
-    for method in results.rivals:
-        comparison = results.compare(method, results.baseline, worlds)
-        if comparison.worlds:
-            made[method] = comparison
-    return made
+def _judged(results: Results) -> List[Judged]:
+    """Return the judgement on each rival of the baseline in judged_trials()."""
+    return judged(judged_trials(results), results.rivals, results.baseline)
 
 
 def summary(results: Results) -> List[str]:
     """Return a line per rival: its comparison with the baseline."""
     trials = judged_trials(results)
-    comparison_of = comparisons(results)
-    level = corrected(len(comparison_of))
-    lines = []
-    for method, comparison in comparison_of.items():
-        lines.append(compared(trials, method, results.baseline, comparison, level))
-    return lines
+    return [compared(trials, rival) for rival in _judged(results)]
 
 
 def headline(results: Results) -> str:
     """Return the comparison of the best rival in a sentence."""
-    comparison_of = comparisons(results)
-    if not comparison_of:
+    rivals = _judged(results)
+    if not rivals:
         return f"{results.baseline} alone was driven."
     # A difference is a method's mean score less the baseline's [s]: the lowest is the best.
-    method = min(comparison_of, key=lambda rival: comparison_of[rival].difference.value)
-    arrivals = arrivals_of(judged_trials(results), method, results.baseline)
-    is_better = comparison_of[method].better(corrected(len(comparison_of)))
-    return sentence(method, results.baseline, is_better, arrivals)
+    best = min(rivals, key=lambda rival: rival.comparison.difference.value)
+    arrivals = arrivals_of(judged_trials(results), best.method, results.baseline)
+    return sentence(best.method, results.baseline, best.is_better, arrivals)

@@ -14,8 +14,8 @@ import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, reading
 from applr_ros1.policy.parameter_space import Space
+from training.attempts.verdict import Comparison, compare
 from training.env.settings import under
-from training.evaluate.compare import Comparison, compare
 from training.evaluate.score import mean_scores, seconds
 from training.evaluate.table import SETTINGS, TRIALS, read_trials
 from training.evaluate.trial import BASELINE

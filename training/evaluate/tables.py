@@ -18,8 +18,8 @@ import scipy
 from applr_ros1.drives.contact import MOVING_M_S
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.robots import JACKAL
+from training.attempts.verdict import LEVEL, Estimate, over_worlds, rate
 from training.evaluate import paper
-from training.evaluate.compare import LEVEL, Estimate, over_worlds, rate
 from training.evaluate.score import SECONDS_RULE, barn_metric
 from training.evaluate.stored import SETS, TEST, TRAINING, Results
 

@@ -10,8 +10,8 @@ import math
 from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
 from applr_ros1.drives.drive import FLIPPED
+from training.attempts.verdict import Comparison, compare, corrected
 from training.common.words import counted
-from training.evaluate.compare import LEVEL, Comparison, compare, corrected
 from training.evaluate.score import SECONDS_RULE, TrialCost, mean_scores, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
 
@@ -72,32 +72,76 @@ def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> ComparisonVerdict
         rule: What the scores of the trials count, in words.
     """
     scores = mean_scores(trials)
-    # A set that is better on average may still stand for minutes in a few worlds.
-    worst = scores.apply(lambda column: column.nlargest(max(1, len(column) // 10)).mean())
-    table = _table(trials).join(worst.rename("worst tenth, cost [s]"))
-    lines = [str(table.round(2).rename_axis(None).to_string())]
+    worst = worst_tenth(scores).rename("worst tenth, cost [s]")
+    lines = [str(_table(trials).join(worst).round(2).rename_axis(None).to_string())]
     rivals = scores.columns.drop(BASELINE)
-    level = corrected(len(rivals))
-    better = []
-    for method in rivals:
-        comparison = compare(scores[method], scores[BASELINE])
-        flaw = ""
-        fall_count = falls(trials, method)
-        if fall_count > falls(trials, BASELINE):
-            remedy = "lower base.max_speed in robot.yaml to what the base bears"
-            flaw = f"it falls over in {counted(fall_count, 'drive')}: {remedy}"
-        elif worst[method] > worst[BASELINE]:
-            flaw = "its worst tenth is worse"
-        if comparison.better(level) and not flaw:
-            better.append(method)
-        lines.append(compared(trials, method, BASELINE, comparison, level, flaw))
+    judged_rivals = judged(trials, rivals, BASELINE)
+    lines += [compared(trials, rival) for rival in judged_rivals]
     lines.append(
         "time to yaw acceleration: means over the drives in which all methods arrive; "
         f"p: paired sign-flip permutation test of the cost; {rule}"
     )
     lines += [failures(trials, method) for method in rivals]
+    better = [rival.method for rival in judged_rivals if rival.is_better]
     best = min(better, key=lambda method: scores[method].mean(), default=BASELINE)
     return ComparisonVerdict(best, lines)
+
+
+class Judged(NamedTuple):
+    """Whether a method is better than another.
+
+    Attributes:
+        method: The method.
+        other: The other method.
+        comparison: Test of their costs.
+        level: Significance level, below which the test decides.
+        flaw: Why the method is not better in spite of the test, in words.
+    """
+
+    method: str
+    other: str
+    comparison: Comparison
+    level: float
+    flaw: str
+
+    @property
+    def is_better(self) -> bool:
+        """True if the method is significantly better, and has no flaw."""
+        return self.comparison.better(self.level) and not self.flaw
+
+
+def judged(trials: pd.DataFrame, rivals: Sequence[str], other: str) -> List[Judged]:
+    """Judge each rival of another method over the worlds in which both have trials, if any.
+
+    A rival has a flaw if it falls over more often, or is worse in its worst tenth of the worlds.
+    """
+    scores = mean_scores(trials)
+    pairs = {rival: scores[[rival, other]].dropna() for rival in rivals}
+    level = corrected(sum(len(pair) > 0 for pair in pairs.values()))
+    judgements = []
+    for rival, pair in pairs.items():
+        if pair.empty:
+            continue
+        in_both = trials[trials.world.isin(pair.index)]
+        flaw = ""
+        fall_count = falls(in_both, rival)
+        worst = worst_tenth(pair)
+        if fall_count > falls(in_both, other):
+            remedy = "lower base.max_speed in robot.yaml to what the base bears"
+            flaw = f"it falls over in {counted(fall_count, 'drive')}: {remedy}"
+        elif worst[rival] > worst[other]:
+            flaw = "its worst tenth is worse"
+        comparison = compare(pair[rival], pair[other])
+        judgements.append(Judged(rival, other, comparison, level, flaw))
+    return judgements
+
+
+def worst_tenth(scores: pd.DataFrame) -> pd.Series:
+    """Return the mean score of each method in its worst tenth of the worlds [s].
+
+    A set that is better on average may still stand for minutes in a few worlds.
+    """
+    return scores.apply(lambda column: column.nlargest(max(1, len(column) // 10)).mean())
 
 
 def _table(trials: pd.DataFrame) -> pd.DataFrame:
@@ -174,30 +218,19 @@ def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
     return comparison_line
 
 
-def compared(
-    trials: pd.DataFrame,
-    method: str,
-    other: str,
-    comparison: Comparison,
-    level: float = LEVEL,
-    flaw: str = "",
-) -> str:
+def compared(trials: pd.DataFrame, judgement: Judged) -> str:
     """Return a line on whether a method is better than another.
 
     It has the arrivals, the times of the drives in which both arrive, and the test.
 
     Args:
         trials: Trials of at least both methods.
-        method: Method to judge.
-        other: Method that it is compared with.
-        comparison: Test of their costs.
-        level: Significance level, below which the test decides.
-        flaw: Why the method is not better in spite of the test, in words.
+        judgement: What was found of them.
     """
-    is_better = comparison.better(level) and not flaw
+    method, other, comparison, level, flaw = judgement
     arrivals = arrivals_of(trials, method, other)
     findings = [
-        f"{method} better: {'yes' if is_better else 'no'}, "
+        f"{method} better: {'yes' if judgement.is_better else 'no'}, "
         f"{arrivals.method} of {arrivals.drives} arrive ({other}: {arrivals.other})"
     ]
     if arrivals.both:

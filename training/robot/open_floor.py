@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from itertools import chain, islice
 from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
@@ -27,10 +28,14 @@ from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
+from training.attempts.candidates import (
+    Candidate,
+    advice_of,
+    candidates_of,
+    mildest_first,
+    with_changes,
+)
 from training.robot.failure import STANDS, failure_of
-from training.robot.single_changes import advice_of, single_candidates
-from training.robot.usual_values import UsualValues
-from training.why.candidates import Candidate, with_changes
 from worlds import Course, World
 from worlds.world import NO_CIRCLE_M
 
@@ -44,6 +49,7 @@ NO_REMEDY = (
     "none of {count} changes that were tried helps: compare footprint, body, "
     "laser and base in robot.yaml, and the parameter files with those of an included robot"
 )
+MOST_CHANGES = 40  # largest number of changes; a drive of some seconds takes place for each
 MOST_REMEDIES = 3  # number of changes that help after which no further one is tried
 SEED = 1
 SEARCH_S = 60.0  # interval between progress lines of the search for a remedy [s]
@@ -173,7 +179,7 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
     without_faults = corrected(robot, known_faults)
     count = 0
     remedies: List[Candidate] = []
-    for candidate in single_candidates(without_faults):
+    for candidate in islice(chain(*candidates_of(without_faults)), MOST_CHANGES):
         name = f"{without_faults.name} with {candidate}"
         changed = with_changes(without_faults, candidate.changes, name)
         is_new = candidate.names not in [remedy.names for remedy in remedies]
@@ -188,8 +194,7 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
         return corrections_first + NO_REMEDY.format(count=count)
 
     # The mildest first: the values of most robots, then those nearest to the robot's own
-    usual_values = UsualValues(without_faults)
-    remedies.sort(key=lambda remedy: (-usual_values.support(remedy.changes), remedy.departure))
+    remedies.sort(key=mildest_first(without_faults))
     advice = ", or ".join(advice_of(without_faults, remedy) for remedy in remedies)
     return f"{corrections_first}all four courses succeed if you {advice}"
 

@@ -7,9 +7,9 @@ from typing import Literal, Tuple
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
+from training.attempts.verdict import FEWEST_WORLDS
 from training.common.command_line import AnyRobot, Seed, Workers
 from training.common.options import Options, argument, option
-from training.evaluate.compare import FEWEST_WORLDS
 from worlds.loading import SPECIFICATIONS, building
 from worlds.map_courses import HALVES
 

@@ -15,7 +15,7 @@ from typing_extensions import override
 
 from applr_ros1.common.files import sha256
 from applr_ros1.policy.parameter_space import Space
-from training.evaluate.compare import clearly_worse, over_worlds
+from training.attempts.verdict import clearly_worse, over_worlds
 from training.evaluate.periodic import CHOOSING
 from training.evaluate.score import summary
 from training.evaluate.trial import Trial, seed_of

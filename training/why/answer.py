@@ -19,7 +19,7 @@ from applr_ros1.why.answer import (
 )
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import Event, longest
-from training.why.whole_drives import SAME_PLACE_M, Tried, WholeDriveTrials
+from training.attempts.trials import SAME_PLACE_M, Tried, WholeDriveTrials
 
 LISTED = 4  # number of further events, and of rows of what was tried
 STOPS_S = 1.0  # time without motion that counts as a stop of a simulated drive [s]

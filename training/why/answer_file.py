@@ -19,12 +19,12 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
+from training.attempts.trials import Arrival
 from training.common.provenance import source_hash
 from training.evaluate.runner import content
 from training.why.bag_answer import BagAnswer, Stored
 from training.why.recorded import BagAnswerOptions
 from training.why.values import thinned
-from training.why.whole_drives import Arrival
 
 ENDING = ".why.json"  # end of the file's name, after the bag's
 BLOCK = 1 << 20  # part of a bag that is hashed at once [bytes]

@@ -23,13 +23,13 @@ from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event
 from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.recording import Recording
+from training.attempts.candidates import Candidate
+from training.attempts.trials import DriveConditions
 from training.why.answer import Answer, outside_lines
-from training.why.candidates import Candidate
 from training.why.recorded import BagAnswerOptions, NotReplayedError, with_description
 from training.why.remedies import course_of, possible_guesses
 from training.why.replayed import check_cycles, replay_in
 from training.why.values import outside_values, thinned, values_of
-from training.why.whole_drives import DriveConditions
 
 TRACK_S = 0.5  # interval between the positions of a driven path on a logbook's map [s]
 PART_SEEN = "the laser sees a part of the robot"

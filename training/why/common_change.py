@@ -6,21 +6,16 @@ none of them worse, with seeds that did not choose it.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any, Callable, DefaultDict, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
-from training.why.answer_file import StoredArrival, key_of_drive
-from training.why.bag_answer import answer_to
-from training.why.candidates import Candidate
-from training.why.logbook import Logbook, LoggedBag
-from training.why.recorded import BagAnswerOptions, with_description
-from training.why.remedies import CANDIDATES
-from training.why.whole_drives import (
+from training.attempts.candidates import Candidate
+from training.attempts.trials import (
     BETTER,
     Arrival,
     DrivenCourse,
@@ -28,6 +23,11 @@ from training.why.whole_drives import (
     course_in,
     try_out,
 )
+from training.why.answer_file import StoredArrival, key_of_drive
+from training.why.bag_answer import answer_to
+from training.why.logbook import Logbook, LoggedBag
+from training.why.recorded import BagAnswerOptions, with_description
+from training.why.remedies import CANDIDATES
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 
@@ -112,18 +112,15 @@ def worst_bags(logbook: Logbook) -> List[LoggedBag]:
 
 
 def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
-    """Return the candidates of all bags: first those that rank high in many of them."""
-    scores: DefaultDict[Tuple[Any, ...], float] = defaultdict(float)
+    """Return the candidates of all bags, those that many of them have first."""
+    counts: Counter[Tuple[Any, ...]] = Counter()
     first_candidates: Dict[Tuple[Any, ...], Candidate] = {}
     for bag in bags:
-        for rank, stored in enumerate(bag.answer.candidates):
-            candidate = stored.candidate
-            # The value before may differ from bag to bag.
-            changed_values = tuple((one.server, one.name, one.after) for one in candidate.changes)
-            scores[changed_values] += 1.0 / (1.0 + rank)
-            first_candidates.setdefault(changed_values, candidate)
-    ranked = sorted(first_candidates, key=lambda changed_values: -scores[changed_values])
-    return [first_candidates[changed_values] for changed_values in ranked[:CANDIDATES]]
+        for stored in bag.answer.candidates:
+            new_values = stored.candidate.new_values
+            counts[new_values] += 1
+            first_candidates.setdefault(new_values, stored.candidate)
+    return [first_candidates[new_values] for new_values, _ in counts.most_common(CANDIDATES)]
 
 
 class KeptCourse:

@@ -8,7 +8,7 @@ import numpy as np
 
 from applr_ros1.common.paths import distances
 from applr_ros1.why import events
-from applr_ros1.why.alternatives import CYCLES, best_changes
+from applr_ros1.why.alternatives import CYCLES, best_changes, together
 from applr_ros1.why.answer import indented
 from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
@@ -27,10 +27,11 @@ def compared(first: Replay, second: Replay) -> List[str]:
         is_text = isinstance(change.before, str)
         if not is_text and not change.server.startswith("global_costmap"):
             changes.append(change)
+    attempts = [together(first.settings, change) for change in changes]
     slow_cycles: List[ReplayedCycle] = []
     for event in events.find(first.drive, first.recording.odometry, first.limits):
         slow_cycles += first.between(event.begin, event.end)
-    alternatives = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
+    alternatives = best_changes(first, attempts, some(slow_cycles or first.cycles, CYCLES), [])
 
     changes_in_words = ", ".join(map(str, changes)) or "none"
     lines = [f"{second}; {_parting(first, second)}; differing parameters: {changes_in_words}"]

@@ -18,8 +18,8 @@ from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.why.recording import Recording
+from training.attempts.trials import POLICY
 
-POLICY = "applr"  # the robot's policy
 # Largest difference between equal decisions, of ranges from -1 to 1: messages hold float32 values.
 SAME = 1e-3
 # Share of the decisions from which on the policy has driven. The rule for stalls makes some, too.

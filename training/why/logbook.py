@@ -11,11 +11,11 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tupl
 import numpy as np
 
 from applr_ros1.common.files import sha256
+from training.attempts.trials import DriveConditions
 from training.bags.read import BagError
 from training.why.answer_file import AnswerFile, bag_hash, key_of_answers
 from training.why.bag_answer import AnsweredBag, BagAnswer, StoredStop, answer_to
 from training.why.recorded import BagAnswerOptions
-from training.why.whole_drives import DriveConditions
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool
 

@@ -12,11 +12,11 @@ from typing_extensions import override
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.why.answer import indented, sentence
 from applr_ros1.why.events import Event
+from training.attempts.trials import SAME_PLACE_M
 from training.common.words import counted
 from training.why.answer import driven_rows, stops_near
 from training.why.common_change import CommonChange
 from training.why.logbook import Logbook, LoggedStop, StopPlace
-from training.why.whole_drives import SAME_PLACE_M
 
 WORST = 10  # number of stops in a list of the worst ones
 LISTED = 8  # number of reasons, and of places, that are listed

@@ -2,37 +2,32 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
-from applr_ros1.why.alternatives import Alternative, guesses_of, together
+from applr_ros1.why.alternatives import Alternative, guesses_of
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import AT_GOAL
+from applr_ros1.why.events import AT_GOAL, Event
+from applr_ros1.why.factors import WISHES
 from applr_ros1.why.replay import Replay
-from training.why.candidates import (
-    Candidate,
-    escape_candidates,
-    file_candidates,
-    recorded_changes,
-    with_changes,
-)
-from training.why.deciding import decides, undecided
-from training.why.seen_world import seen_grid, seen_world
-from training.why.whole_drives import (
-    ROUND,
+from training.attempts.candidates import Candidate, CandidateList, candidates_of, with_changes
+from training.attempts.trials import (
     DriveConditions,
     WholeDriveTrials,
     course_in,
     limit_of,
     try_out,
 )
+from training.why.deciding import decides, undecided
+from training.why.seen_world import seen_grid, seen_world
 from training.workers.pool import Pool
 
 CANDIDATES = 12  # number of candidates that are driven
-MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
 LIVE = 5  # number of candidates among them that the replay ranks
 ARRIVED_M = 1.5  # distance from the goal at the end of a drive that arrived [m, for the Jackal]
 
@@ -78,14 +73,8 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     # No parameter helps a robot that stops for a part of itself, and a moment is no event.
     if diagnosis.part is not None or longest_event.is_asked:
         return None
-    # The settings at the longest event: if they change on the way, no drive can have all of them.
-    # What a policy sets, it sets again.
-    settings = replay.history.at(longest_event.begin)
     policy_decides = decides(replay.recording)
-    changes = recorded_changes(replay.robot, settings)
-    if policy_decides:
-        changes = undecided(changes, replay.robot)
-    robot = with_changes(replay.robot, changes, replay.robot.name)
+    robot = _recorded_robot(replay, longest_event, policy_decides)
     if robot.frames.matched in drive.frames.get("routes", ()):
         robot = robot.in_matched_frame()
 
@@ -112,47 +101,77 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
         ends_at_tolerance=longest_event.kind != AT_GOAL,
         policy_decides=policy_decides,
     )
-    return RecordedCourse(conditions, candidates(replay, guesses, robot, policy_decides))
+    return RecordedCourse(conditions, candidates(robot, guesses, policy_decides))
+
+
+def _recorded_robot(replay: Replay, event: Event, policy_decides: bool) -> Robot:
+    """Return the robot with the settings of a drive at an event in its files.
+
+    If they change on the way, no drive can have all of them. What a policy sets, it sets again.
+    """
+    changes = recorded_changes(replay.robot, replay.history.at(event.begin))
+    if policy_decides:
+        changes = undecided(changes, replay.robot)
+    return with_changes(replay.robot, changes, replay.robot.name)
+
+
+def recorded_changes(robot: Robot, settings: Settings) -> List[Change]:
+    """Return what makes the robot's files equal to the settings of a drive."""
+    in_files = Settings.from_tree(robot.all_parameters())
+    changes = []
+    for change in in_files.differences(settings):
+        # A server that the drive does not tell about keeps the files' values, and so do texts,
+        # such as frames: they are not set while a robot drives.
+        if change.after is not None and not isinstance(change.after, str):
+            changes.append(change)
+    return changes
 
 
 def possible_guesses(diagnosis: Diagnosis) -> List[Alternative]:
-    """Return alternatives without those of values that the robot's policy sets anew each second."""
-    guesses = guesses_of(diagnosis)
-    recording = diagnosis.replay.recording
-    if not guesses or not decides(recording):
-        return guesses
-    return [guess for guess in guesses if undecided(guess.changes, recording.robot)]
+    """Return alternatives among the candidates, those with which the planner drives on fastest."""
+    replay = diagnosis.replay
+    if diagnosis.longest is None:
+        return []
+    policy_decides = decides(replay.recording)
+    robot = _recorded_robot(replay, diagnosis.longest, policy_decides)
+    # The replay runs the local planner alone, with what it reads after its start.
+    live_values = replay.settings.only(replay.planner.tunable_servers)
+    attempts = []
+    for candidate in chain(*possible_candidates(robot, policy_decides)):
+        change = candidate.changes[0]
+        if change.name in live_values.get(change.server, ()):
+            attempts.append(candidate.changes)
+    return guesses_of(diagnosis, attempts)
+
+
+def possible_candidates(robot: Robot, policy_decides: bool) -> CandidateList:
+    """Return what else could be set in a robot, without what its owner or its policy decides."""
+
+    def is_possible(candidate: Candidate) -> bool:
+        for change in candidate.changes:
+            if change.name in WISHES and abs(change.after) > abs(change.before):
+                return False
+        return not policy_decides or bool(undecided(candidate.changes, robot))
+
+    unusual, others = candidates_of(robot)
+    return CandidateList(list(filter(is_possible, unusual)), list(filter(is_possible, others)))
 
 
 def candidates(
-    replay: Replay, guesses: Sequence[Alternative], robot: Robot, policy_decides: bool
+    robot: Robot, guesses: Sequence[Alternative], policy_decides: bool
 ) -> List[Candidate]:
-    """Return the candidates that are driven: the replay's first ones, and values of files.
+    """Return the candidates that are driven, in their order.
 
-    A value that the robot's policy sets is none.
+    They are usual values in place of unusual ones, and what the replay ranks first of the others:
+    another value in place of a usual one may help by chance, and explains nothing.
+
+    Args:
+        robot: Robot with the values of the recorded drive in its files.
+        guesses: Alternatives that the replay ranks, the best first.
+        policy_decides: Whether the robot's policy decides, as it did in the recorded drive.
     """
-    live_candidates: List[Candidate] = []
-    for guess in guesses[:LIVE]:
-        live_candidates += milder(replay, guess)
-        live_candidates.append(Candidate(guess.changes))
-    live_candidates += escape_candidates(replay.planner.name, replay.settings[replay.planner.name])
-
-    # The replay does not see what values of files would do: unusual ones come before guesses that
-    # it ranks low.
-    all_candidates = live_candidates[:ROUND] + file_candidates(robot) + live_candidates[ROUND:]
-    if policy_decides:
-        all_candidates = [
-            candidate for candidate in all_candidates if undecided(candidate.changes, robot)
-        ]
-    # A value may be a candidate for two reasons.
-    return list(dict.fromkeys(all_candidates))[:CANDIDATES]
-
-
-def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
-    """Return the change of a guess by a factor of 2, if the guess goes much farther."""
-    change = guess.change
-    if isinstance(change.before, bool) or change.departure <= MUCH:
-        return []
-    factor = 2.0 if abs(change.after) > abs(change.before) else 0.5
-    milder_change = change._replace(after=type(change.before)(change.before * factor))
-    return [Candidate(together(replay.settings, milder_change))]
+    unusual, others = possible_candidates(robot, policy_decides)
+    # A replay may know other values before the changes.
+    ranked = [Candidate(guess.changes).new_values for guess in guesses[:LIVE]]
+    likely = [candidate for candidate in others if candidate.new_values in ranked]
+    return [*unusual[: CANDIDATES - len(likely)], *likely]

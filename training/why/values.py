@@ -12,8 +12,8 @@ from applr_ros1.why import alternatives
 from applr_ros1.why.answer import headline
 from applr_ros1.why.events import Event
 from applr_ros1.why.explanation import Explanation
+from training.attempts.trials import Tried, WholeDriveTrials
 from training.why.answer import Answer, advice, how_sure, lines_of
-from training.why.whole_drives import Tried, WholeDriveTrials
 
 SCANS = 60  # number of scans in a page's map
 CELL_M = 0.05  # distance of its points [m]

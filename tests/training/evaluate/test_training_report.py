@@ -12,12 +12,12 @@ import pytest
 from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import FLIPPED
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
 from tests.support.runs import SETTINGS
-from training.evaluate import paper, report, tables
-from training.evaluate.compare import (
+from training.attempts.verdict import (
     LEVEL,
     Comparison,
     Estimate,
@@ -26,6 +26,8 @@ from training.evaluate.compare import (
     rate,
     wilson,
 )
+from training.evaluate import paper, report, tables
+from training.evaluate import verdict as judging
 from training.evaluate.profiles import LIMITS, profiles
 from training.evaluate.report import summary, write
 from training.evaluate.stored import Results, set_of
@@ -242,30 +244,40 @@ def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
     )
 
 
-@pytest.mark.parametrize(("p", "is_better"), [(0.02, True), (0.03, False)])
-def test_of_two_rivals_each_needs_half_the_level(results, monkeypatch, p, is_better):
+@pytest.mark.parametrize(
+    ("p", "reason", "is_better"),
+    [(0.02, "", True), (0.03, "", False), (0.02, FLIPPED, False)],
+)
+def test_of_two_rivals_each_needs_half_the_level_and_no_falls(
+    results, monkeypatch, p, reason, is_better
+):
     """The better one of two equal methods is often better by luck."""
-    rivals = results.rivals
-    assert len(rivals) == 2
-    gain = Estimate(0.1, 0.0, 0.2)
-    made = {rival: Comparison(50, Estimate(-2.0, -4.0, 0.0), gain, p) for rival in rivals}
-    monkeypatch.setattr(report, "comparisons", lambda _: made)
+    assert len(results.rivals) == 2
+    comparison = Comparison(50, Estimate(-2.0, -4.0, 0.0), Estimate(0.1, 0.0, 0.2), p)
+    monkeypatch.setattr(judging, "compare", lambda scores, others: comparison)
+    # Neither is worse in its worst tenth.
+    monkeypatch.setattr(judging, "worst_tenth", lambda scores: dict.fromkeys(scores, 0.0))
+    reasons = results.trials.method.map({rival: reason for rival in results.rivals})
+    monkeypatch.setattr(results, "trials", results.trials.assign(reason=reasons))
     words = "is better than" if is_better else "is not clearly better than"
     assert words in report.headline(results)
     answer = "yes" if is_better else "no"
-    assert all(f"better: {answer}" in line for line in report.summary(results))
+    for line in report.summary(results):
+        assert f"better: {answer}" in line
+        assert ("it falls over in " in line) == bool(reason)
 
 
 def test_the_headline_names_the_rival_that_saves_most(results, monkeypatch):
     first_rival, second_rival = results.rivals
     gain = Estimate(0.1, 0.0, 0.2)
     for best, others_s, best_s in ((second_rival, -2.0, -5.0), (first_rival, 3.0, -1.0)):
-        made = {}
+        made = []
         for rival in results.rivals:
             difference = best_s if rival == best else others_s
             estimate = Estimate(difference, difference - 1.0, difference + 1.0)
-            made[rival] = Comparison(50, estimate, gain, 0.001)
-        monkeypatch.setattr(report, "comparisons", lambda _, made=made: made)
+            comparison = Comparison(50, estimate, gain, 0.001)
+            made.append(judging.Judged(rival, "dwa", comparison, 0.05, ""))
+        monkeypatch.setattr(report, "judged", lambda *_, made=made: made)
         assert report.headline(results).startswith(f"{best} is better than dwa: ")
 
 

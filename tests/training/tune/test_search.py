@@ -13,7 +13,7 @@ from applr_ros1 import robots
 from applr_ros1.policy.parameter_space import SPACE, ParameterSet
 from applr_ros1.robots import JACKAL
 from sim_bridge.simulator import Randomisation
-from training.evaluate.compare import clearly_worse
+from training.attempts.verdict import clearly_worse
 from training.evaluate.periodic import CHOOSING
 from training.evaluate.runner import TrialWorld
 from training.evaluate.trial import Result, seed_of

@@ -18,11 +18,13 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
-from applr_ros1.why.diagnosis import diagnose
+from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.events import Event
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.why import answer, remedies, whole_drives
+from training.attempts import trials as whole_drives
+from training.why import answer, remedies
 from training.why.answer import Answer
 from training.why.deciding import decides
 from training.why.remedies import candidates, driven_trials, possible_guesses
@@ -98,13 +100,19 @@ def guess_of(name, value):
 
 
 def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch):
-    live = [guess_of("sim_time", 0.5), guess_of("acc_lim_theta", 3.2)]
-    monkeypatch.setattr(remedies, "guesses_of", lambda diagnosis: live)
-    diagnosis = SimpleNamespace(replay=recorded)
-    assert possible_guesses(diagnosis) == live[1:]
+    live = [guess_of("sim_time", 3.0), guess_of("acc_lim_theta", 3.2)]
+    ranked = []
+
+    def guesses_of(diagnosis, attempts):
+        ranked.append({changes[0].name for changes in attempts})
+        return live
+
+    monkeypatch.setattr(remedies, "guesses_of", guesses_of)
+    event = Event("crept", 1.0, 12.0, (0.0, 0.3))
+    possible_guesses(Diagnosis(recorded, [event]))
 
     tried_names = set()
-    for candidate in candidates(recorded, live, JACKAL, decides(recorded.recording)):
+    for candidate in candidates(JACKAL, live, decides(recorded.recording)):
         tried_names.update(candidate.names)
     assert {"acc_lim_theta", "obstacle_range"} <= tried_names
     assert not tried_names & {"sim_time", "inflation_radius", "footprint_padding"}
@@ -112,9 +120,12 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
     # Without the policy, all of them are tried.
     undriven = replace(recorded.drive, decisions=[])
     other_replay = replace(recorded, recording=replace(recorded.recording, drive=undriven))
-    assert possible_guesses(SimpleNamespace(replay=other_replay)) == live
+    possible_guesses(Diagnosis(other_replay, [event]))
+    with_policy, without_policy = ranked
+    assert without_policy - with_policy >= {"sim_time", "inflation_radius"}
+    assert "acc_lim_theta" in with_policy
     tried_names = set()
-    for candidate in candidates(other_replay, live, JACKAL, decides(other_replay.recording)):
+    for candidate in candidates(JACKAL, live, decides(other_replay.recording)):
         tried_names.update(candidate.names)
     assert {"acc_lim_theta", "sim_time", "footprint_padding"} <= tried_names
 
@@ -123,9 +134,9 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
 def test_a_dead_end_that_the_policy_entered_unseen_is_left_out_with_the_range_it_was_made_for(
     recorded, monkeypatch
 ):
-    # One seed each instead of several: these drives are simulated.
+    # One seed instead of two chooses: these drives are simulated.
     monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
-    monkeypatch.setattr(whole_drives, "CONFIRMING", (2,))
+    monkeypatch.setattr(whole_drives, "CONFIRMING", (2, 3, 4, 5, 6, 7))
     diagnosis = diagnose(recorded)
 
     with Pool(0) as pool:

@@ -17,4 +17,5 @@ def test_the_parameter_that_was_spoilt_is_the_first_guess(capsys):
     answer = json.loads(capsys.readouterr().out)
     assert answer["reproduced"] == 1.0
     assert [event["kind"] for event in answer["events"]] == ["stood"]
-    assert answer["alternatives"][0].startswith(f"{PARAMETER} {SPOILT_VALUE} -> 0.01: ")
+    # The robot's own value, not the default
+    assert answer["alternatives"][0].startswith(f"{PARAMETER} {SPOILT_VALUE} -> 0.02: ")

@@ -8,31 +8,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Plans, SentGoal
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
-from applr_ros1.policy import methods
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from tests.support.drives import simulated
-from training.robot.open_floor import courses
-from training.why import answer, remedies, whole_drives
-from training.why.answer import Answer
-from training.why.candidates import (
-    Candidate,
-    file_candidates,
-    recorded_changes,
-    with_changes,
-)
-from training.why.seen_world import seen_grid, seen_world, write_map
-from training.why.whole_drives import (
+from training.attempts import trials as whole_drives
+from training.attempts.candidates import Candidate, with_changes
+from training.attempts.trials import (
+    RECORDED,
     Arrival,
     DriveConditions,
     DrivenCourse,
@@ -41,6 +31,11 @@ from training.why.whole_drives import (
     course_in,
     try_out,
 )
+from training.robot.open_floor import courses
+from training.why import answer, remedies
+from training.why.answer import Answer
+from training.why.remedies import recorded_changes
+from training.why.seen_world import seen_grid, seen_world, write_map
 from training.workers.calls import CallLost
 from training.workers.pool import Pool
 from worlds.loading import load
@@ -170,115 +165,6 @@ def test_files_get_the_settings_of_the_recorded_drive():
     assert change.after == 1
 
 
-def test_a_slowest_speed_above_the_fastest_one_is_lowered_below_it():
-    crossed = Change("DWAPlannerROS", "max_vel_trans", 0.22, 0.08)
-    lowered = Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04)
-    assert Candidate((lowered,)) in file_candidates(with_changes(BURGER, [crossed], "crossed"))
-    assert Candidate((lowered,)) not in file_candidates(BURGER)
-
-
-def test_a_change_for_two_reasons_is_one_candidate(replayed, monkeypatch):
-    """Both largest speeds of a DWAPlannerROS may lie below its smallest one."""
-    lowered = Candidate((Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04),))
-    monkeypatch.setattr(remedies, "file_candidates", lambda _: [lowered, MENDED, lowered])
-    chosen = remedies.candidates(replayed, [], JACKAL, policy_decides=False)
-    assert chosen.count(lowered) == chosen.count(MENDED) == 1
-
-
-def in_both(servers, name, before, after):
-    """Return the change of a parameter in the local and global costmap."""
-    return [Change(server, name, before, after) for server in servers]
-
-
-COSTMAPS = ("local_costmap", "global_costmap")
-INFLATION_LAYERS = ("local_costmap/inflation_layer", "global_costmap/inflation_layer")
-# Footprint [m], about ten times as wide as a Burger
-SQUARE = str([[-1, -1], [-1, 1], [1, 1], [1, -1]])
-# Mistakes that people make in the Burger's files, each far from any usual value.
-FAULTS = {
-    "footprint": in_both(COSTMAPS, "footprint", "", SQUARE),
-    "footprint_padding": in_both(COSTMAPS, "footprint_padding", 0.01, 0.4),
-    "obstacle_range": [Change("local_costmap", "obstacle_range", 3.0, 0.5)],
-    "raytrace_range": [Change("local_costmap", "raytrace_range", 3.5, 0.5)],
-    "controller_frequency": [Change("", "controller_frequency", 10.0, 2.0)],
-    "cost_scaling_factor": in_both(INFLATION_LAYERS, "cost_scaling_factor", 3.0, 0.2),
-}
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
-    robot = with_changes(BURGER, FAULTS[name], "burger with a fault")
-    candidate, *_ = file_candidates(robot)
-    assert candidate.names == [name]
-    # The candidate must be valid, too: move_base starts with it.
-    MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
-
-
-def test_the_outline_of_the_body_takes_the_place_of_a_larger_footprint():
-    robot = with_changes(BURGER, FAULTS["footprint"], "burger with a fault")
-    candidate, *_ = file_candidates(robot)
-    assert str(candidate) == "footprint -> the outline of the body, 0.14 x 0.18 m"
-    for change in candidate.changes:
-        corners = np.array(yaml.safe_load(change.after))
-        assert np.ptp(corners, axis=0) == pytest.approx((0.14, 0.18), abs=0.005)
-
-
-def test_half_of_an_inflation_that_is_too_wide_is_tried():
-    too_wide = in_both(INFLATION_LAYERS, "inflation_radius", 1.0, 4.0)
-    candidate, *_ = file_candidates(with_changes(BURGER, too_wide, "burger with a fault"))
-    assert candidate.names == ["inflation_radius"]
-    assert [change.after for change in candidate.changes] == [2.0, 2.0]
-
-
-def test_a_robot_is_tried_with_obstacles_marked_two_seconds_ahead_or_as_far_as_its_policy_asks(
-    monkeypatch,
-):
-    def tried_ranges():
-        """Return the ranges that the candidate gives to both costmaps, cleared beyond."""
-        (farther,) = (
-            candidate
-            for candidate in file_candidates(JACKAL)
-            if candidate.names == ["obstacle_range", "raytrace_range"]
-        )
-        robot = with_changes(JACKAL, farther.changes, "jackal that sees farther")
-        return [source.obstacle_range for source in laser_sources(robot.parameters())]
-
-    # The included policy was made for 5 m.
-    assert tried_ranges() == [5.0, 5.0]
-    monkeypatch.setattr(methods, "obstacle_ranges", lambda robot: set())
-    assert tried_ranges() == [4.0, 4.0]
-    # The Burger, which drives 0.22 m/s, sees far enough. So does a Jackal whose sources have 5 m,
-    # whatever the sections around them have.
-    for robot in (BURGER, JACKAL.seeing(5.0)):
-        for candidate in file_candidates(robot):
-            assert "obstacle_range" not in candidate.names
-
-
-def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
-    burgers_candidates = file_candidates(BURGER)
-    assert burgers_candidates
-    for candidate in burgers_candidates:
-        assert "footprint" not in candidate.names
-        assert "footprint_padding" not in candidate.names
-    # The Jackal's files have a padding above the default of the C++ costmap.
-    jackals_candidates = list(map(str, file_candidates(JACKAL)))
-    assert "footprint_padding 0.1 -> 0.01 in both costmaps" in jackals_candidates
-
-
-def test_a_usual_value_of_a_file_is_not_tried():
-    """The Jackal's local costmap of 10 m is large enough; one of 3 m is not."""
-    for candidate in file_candidates(JACKAL):
-        assert "width" not in candidate.names
-
-    small_window = [
-        Change("local_costmap", "width", 10.0, 3.0),
-        Change("local_costmap", "height", 10.0, 3.0),
-    ]
-    robot = with_changes(JACKAL, small_window, "jackal with a small window")
-    candidate_names = [candidate.names for candidate in file_candidates(robot)]
-    assert ["width", "height"] in candidate_names
-
-
 # -- whole drives
 @pytest.fixture(scope="module")
 def course(door):
@@ -293,9 +179,9 @@ def course(door):
 
 @pytest.mark.heavy
 def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(course, monkeypatch):
-    # One seed each instead of several: these drives are simulated.
+    # One seed instead of two chooses: these drives are simulated.
     monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
-    monkeypatch.setattr(whole_drives, "CONFIRMING", (2,))
+    monkeypatch.setattr(whole_drives, "CONFIRMING", (2, 3, 4, 5, 6, 7))
     # move_base does not accept a footprint of one point, so this candidate cannot drive.
     one_point = Change("local_costmap", "footprint", "", "[[0, 0]]")
     refused = Candidate((one_point,))
@@ -305,7 +191,7 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
 
     assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
-    assert trials.remedy.arrivals == 1
+    assert trials.remedy.arrivals >= 5
     assert trials.recorded.arrivals == 0
     (tried_out,) = trials.tried
     assert tried_out.candidate == MENDED
@@ -359,9 +245,9 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     calls = drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 15.0}, 1.5: {0: 17.0}})
     trials = trials_of(course, 1.0, 1.5)
     assert value_of(trials.remedy) == 1.0
-    assert str(trials.remedy) == "arrives 3 of 3 in 15 s"
+    assert str(trials.remedy) == "arrives 6 of 6 in 15 s"
     assert seeds_of(calls, 1.5) == set(whole_drives.CHOOSING)
-    assert seeds_of(calls, 1.0) == {1, 2, 3, 4, 5}
+    assert seeds_of(calls, 1.0) == {*whole_drives.CHOOSING, *whole_drives.CONFIRMING}
 
     # 18.5 s are less than a tenth better than 20 s.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 18.5}})
@@ -382,22 +268,25 @@ def test_it_is_said_why_the_recorded_values_cannot_be_driven():
         try_out([lossy], [MENDED])
 
 
-def test_a_candidate_that_is_slower_with_one_seed_is_no_remedy(course, monkeypatch):
-    # Seed 4 confirms. Slower by half a second is too slow, equally fast is not.
-    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.5}})
+def test_a_candidate_whose_gain_may_be_luck_is_no_remedy(course, monkeypatch):
+    # Much faster on average, but in four of the six drives that judge not at all
+    equal = dict.fromkeys((5, 6, 7, 8), 20.0)
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, **equal}})
     assert trials_of(course, 1.0).remedy is None
 
-    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.0}})
+    # One drive as slow as before may be bad luck.
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 8: 20.0}})
     assert trials_of(course, 1.0).remedy is not None
 
 
 def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch):
-    # With 1.0 and 0.5 the drive of seed 4 is slower than with the recorded values.
+    # With 1.0 and 0.5, half of the drives that judge are slower than with the recorded values.
+    slow = dict.fromkeys((4, 5, 6), 21.0)
     seconds = {
         "": {0: 20.0},
-        1.0: {0: 10.0, 4: 21.0},
+        1.0: {0: 10.0, **slow},
         1.5: {0: 11.0},
-        0.5: {0: 10.5, 4: 21.0},
+        0.5: {0: 10.5, **slow},
     }
     calls = drives_as(monkeypatch, seconds)
     trials = trials_of(course, 1.0, 1.5)
@@ -410,45 +299,22 @@ def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch)
     assert trials_of(course, 1.0, 0.5, 1.5).remedy is None
 
 
-def test_a_change_towards_the_default_is_preferred_to_a_smaller_one_away_from_it(
-    course, monkeypatch
+@pytest.mark.parametrize(
+    ("milder", "wilder"),
+    [
+        # sim_time was 2 s: 0.2 is a tenth of it, and 1.0 half.
+        (1.0, 0.2),
+        # The default is 1.7 s. No robot has a value near 3.0, which is nearer to 2.
+        (1.25, 3.0),
+    ],
+)
+def test_the_milder_of_two_changes_that_are_about_as_fast_is_the_remedy(
+    course, monkeypatch, milder, wilder
 ):
-    """The default of sim_time is 1.7 s; 2.0 s is in force."""
-    drives_as(monkeypatch, {"": {0: 20.0}, 2.5: {0: 14.5}, 1.5: {0: 15.0}})
-    trials = trials_of(course, 2.5, 1.5)
-    assert value_of(trials.remedy) == 1.5
-
-    # Five seconds are worth a change away from the default.
-    drives_as(monkeypatch, {"": {0: 20.0}, 2.5: {0: 10.0}, 1.5: {0: 15.0}})
-    trials = trials_of(course, 2.5, 1.5)
-    assert value_of(trials.remedy) == 2.5
-
-
-def test_the_smaller_of_two_changes_that_are_about_as_fast_is_the_remedy(course, monkeypatch):
-    # sim_time was 2: 0.2 is a tenth of it, and 1.0 half. Half a second's gain is not worth the
-    # larger change, five seconds' is.
-    drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 14.5}, 1.0: {0: 15.0}})
-    trials = trials_of(course, 0.2, 1.0)
-    assert value_of(trials.remedy) == 1.0
-
-    drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 10.0}, 1.0: {0: 15.0}})
-    trials = trials_of(course, 0.2, 1.0)
-    assert value_of(trials.remedy) == 0.2
-
-
-def test_a_guess_that_goes_far_is_also_tried_by_a_factor_of_two(replayed):
-    def guess(before, after):
-        change = Change(PLANNER, "occdist_scale", before, after)
-        return SimpleNamespace(change=change)
-
-    # These guesses change the parameter by a factor of 40.
-    (mild,) = remedies.milder(replayed, guess(0.4, 0.01))
-    assert mild.changes == (Change(PLANNER, "occdist_scale", 0.4, 0.2),)
-    (mild,) = remedies.milder(replayed, guess(0.01, 0.4))
-    assert mild.changes[0].after == 0.02
-
-    # One by a factor of 4 is mild already.
-    assert remedies.milder(replayed, guess(0.4, 0.1)) == []
+    # Half a second's gain is not worth the wilder change, five seconds' is.
+    for seconds, value in ((14.5, milder), (10.0, wilder)):
+        drives_as(monkeypatch, {"": {0: 20.0}, wilder: {0: seconds}, milder: {0: 15.0}})
+        assert value_of(trials_of(course, wilder, milder).remedy) == value
 
 
 def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
@@ -516,7 +382,7 @@ def tried(candidate, *seconds, limit=25.0):
 
 def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_sure_it_is(replayed):
     remedy = tried(MENDED, 12.0, 13.0, 14.0)
-    trials = WholeDriveTrials(tried(None, 29.0, 29.0, 21.0), remedy, [remedy])
+    trials = WholeDriveTrials(tried(RECORDED, 29.0, 29.0, 21.0), remedy, [remedy])
     event_line, advice, certainty, *_ = answer.lines_of(diagnosed(replayed, trials))
     assert event_line == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
     assert advice == (
@@ -528,7 +394,7 @@ def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_su
 
 
 def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
-    no_remedy = WholeDriveTrials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
+    no_remedy = WholeDriveTrials(tried(RECORDED, 12.0), None, [tried(MENDED, 12.0)])
     change = Change(PLANNER, "sim_time", 2.0, 1.0)
 
     def advice(trials, gain):
@@ -543,14 +409,14 @@ def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
 
     # A guess that was driven in vain is none.
     driven_guess = tried(Candidate((change,)), 12.0)
-    in_vain = WholeDriveTrials(tried(None, 12.0), None, [driven_guess])
+    in_vain = WholeDriveTrials(tried(RECORDED, 12.0), None, [driven_guess])
     assert advice(in_vain, gain=0.2) == "Nothing that was tried helped."
 
 
 def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed):
     chosen = tried(MENDED, 8.0, 8.0)
     judged = tried(MENDED, 12.0, 12.0, 9.0)
-    trials = WholeDriveTrials(tried(None, 12.0), None, [chosen], [judged])
+    trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [chosen], [judged])
     lines = answer.lines_of(diagnosed(replayed, trials))
     assert lines[1] == "Nothing that was tried helped with each seed."
     assert lines[-1] == (
@@ -570,7 +436,7 @@ def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
-    trials = WholeDriveTrials(tried(None, 12.0), None, [])
+    trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [])
     far_away = diagnosed(replayed, trials)
     far_away.diagnosis.events[0].place = (4.0, 4.0)
     assert "the robot does not stop there." in answer.how_sure(far_away)

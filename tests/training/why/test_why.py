@@ -34,9 +34,11 @@ from tests.support.replays import (
     spoilt_drive,
     updates,
 )
+from training.attempts.candidates import CandidateList
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
+from training.why import remedies
 from training.why.pages import drive_page
 from training.why.recorded import recording_of
 from training.why.remedies import CANDIDATES
@@ -264,7 +266,7 @@ def ran(capsys, *arguments):
 def folder(tmp_path, monkeypatch):
     """Return an empty folder, and let the command try little, so that it is fast."""
     monkeypatch.setattr(alternatives, "CYCLES", 2)
-    monkeypatch.setattr(alternatives, "FACTORS", ())
+    monkeypatch.setattr(remedies, "candidates_of", lambda robot: CandidateList([], []))
     return tmp_path
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-from operator import itemgetter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from applr_ros1.drives.drive import REACHED, TIMED_OUT, Driven
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import arrived_cleanly
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
@@ -29,15 +27,18 @@ from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
-from training.why.candidates import Candidate, with_changes
-from training.why.deciding import POLICY
+from training.attempts.candidates import Candidate, mildest_first, with_changes
+from training.attempts.verdict import clearly_worse
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds import World
 
 _LOGGER = logging.getLogger(__name__)
+POLICY = "applr"  # the robot's policy
 CHOOSING = 1, 2  # seeds that choose a candidate
-CONFIRMING = 3, 4, 5  # seeds that judge the chosen one
+# Seeds that judge the chosen one: as many as a test needs if one drive fails with both values
+CONFIRMING = 3, 4, 5, 6, 7, 8
+RECORDED = Candidate((), "recorded values")  # what candidates are compared with
 ROUND = 3  # number of candidates that drive before the best of them sets the time for others
 CHOSEN = 3  # number of candidates that drive with more than one seed
 JUDGED = 2  # number of candidates that are judged at most
@@ -126,11 +127,11 @@ class Tried(NamedTuple):
     """A candidate that was driven.
 
     Attributes:
-        candidate: The candidate; None for the recorded values.
+        candidate: The candidate, or RECORDED.
         drives: Its drives, for each seed one on each course.
     """
 
-    candidate: Optional[Candidate]
+    candidate: Candidate
     drives: Sequence[Arrival]
 
     @property
@@ -141,7 +142,11 @@ class Tried(NamedTuple):
     @property
     def seconds(self) -> float:
         """Mean time [s]. A failed drive counts the limit."""
-        return float(np.mean([drive.seconds for drive in self.drives]))
+        return float(_seconds(self.drives).mean())
+
+    def on_course(self, number: int, course_count: int) -> Tried:
+        """Return the drives on one of several courses."""
+        return self._replace(drives=self.drives[number::course_count])
 
     @override
     def __str__(self) -> str:
@@ -178,7 +183,7 @@ class WholeDriveTrials(NamedTuple):
         """Return the drives on one of the courses."""
 
         def there(tried: Tried) -> Tried:
-            return tried._replace(drives=tried.drives[number :: self.course_count])
+            return tried.on_course(number, self.course_count)
 
         return self._replace(
             recorded=there(self.recorded),
@@ -263,7 +268,7 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     """
     is_single = len(courses) == 1
     choosing_runs = _runs(courses, CHOOSING)
-    recorded = Tried(None, _drive(courses, [None], choosing_runs)[None])
+    recorded = Tried(RECORDED, _drive(courses, [RECORDED], choosing_runs)[RECORDED])
     to_beat = {}
     for run, arrival in zip(choosing_runs, recorded.drives):
         to_beat[run] = arrival.seconds if is_single else BEHIND * arrival.seconds
@@ -296,12 +301,10 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     judged = []
     remedy = None
     for candidate in _preferred(finalists, courses[0].robot)[:JUDGED]:
-        undriven: List[Optional[Candidate]] = [candidate]
         # The recorded values drive once, with the first candidate that is judged.
-        if None not in confirming:
-            undriven.append(None)
+        undriven = [entry for entry in (candidate, RECORDED) if entry not in confirming]
         confirming.update(_drive(courses, undriven, _runs(courses, CONFIRMING)))
-        recorded = Tried(None, confirming[None])
+        recorded = Tried(RECORDED, confirming[RECORDED])
         entry = Tried(candidate, confirming[candidate])
         judged.append(entry)
         if is_remedy(entry, recorded, len(courses)):
@@ -311,7 +314,7 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     return WholeDriveTrials(recorded, remedy, tried, judged, policy_decided, len(courses))
 
 
-Drives = Dict[Optional[Candidate], List[Arrival]]
+Drives = Dict[Candidate, List[Arrival]]
 
 
 def _runs(courses: Sequence[DrivenCourse], seeds: Sequence[int]) -> List[CourseRun]:
@@ -325,7 +328,7 @@ def _runs(courses: Sequence[DrivenCourse], seeds: Sequence[int]) -> List[CourseR
 
 def _drive(
     courses: Sequence[DrivenCourse],
-    candidates: Sequence[Optional[Candidate]],
+    candidates: Sequence[Candidate],
     runs: Sequence[CourseRun],
     to_beat: Mapping[CourseRun, float] = {},
 ) -> Drives:
@@ -333,34 +336,31 @@ def _drive(
 
     Args:
         courses: Where they drive.
-        candidates: Candidates; None for the recorded values.
+        candidates: Candidates, or RECORDED.
         runs: Drives of each.
         to_beat: Time [s] by run after which a drive is broken off.
     """
     # All calls first, so that the workers are busy while the results are collected.
     drives_begun = []
     for candidate in candidates:
-        changes = candidate.changes if candidate else ()
         for run in runs:
             limit = to_beat.get(run, math.inf)
-            drives_begun.append((candidate, courses[run.course].begin(changes, run.seed, limit)))
-    drives: Drives = {}
-    for candidate in candidates:
-        drives[candidate] = []
+            begun = courses[run.course].begin(candidate.changes, run.seed, limit)
+            drives_begun.append((candidate, begun))
+    drives: Drives = {candidate: [] for candidate in candidates}
     for candidate, arrival_of in drives_begun:
         try:
             arrival = arrival_of()
         except CallFailed as failure:
             # Values may contradict each other, such as a footprint without an area.
-            if candidate is None:
+            if candidate == RECORDED:
                 problem = "the recorded values cannot be driven in simulation"
                 raise ApplrError(f"{problem}: {failure}") from None
             drives.pop(candidate, None)
             reason = "its worker died" if isinstance(failure, CallLost) else "move_base refuses it"
             _LOGGER.info("%s: left out, %s", candidate, reason)
         else:
-            driven = candidate or "the recorded values"
-            _LOGGER.info("%s: %.1f s%s", driven, arrival.seconds, _end_of(arrival))
+            _LOGGER.info("%s: %.1f s%s", candidate, arrival.seconds, _end_of(arrival))
             if candidate in drives:
                 drives[candidate].append(arrival)
     return drives
@@ -373,10 +373,10 @@ def _end_of(arrival: Arrival) -> str:
     return "" if arrival.success else ", failed"
 
 
-def _ranked(drives: Drives) -> List[Optional[Candidate]]:
+def _ranked(drives: Drives) -> List[Candidate]:
     """Return candidates: those with most drives first, among them those with the least time."""
 
-    def key(candidate: Optional[Candidate]) -> Tuple[int, float]:
+    def key(candidate: Candidate) -> Tuple[int, float]:
         return -len(drives[candidate]), Tried(candidate, drives[candidate]).seconds
 
     return sorted(drives, key=key)
@@ -385,35 +385,19 @@ def _ranked(drives: Drives) -> List[Optional[Candidate]]:
 def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     """Return candidates in the order in which they are judged.
 
-    Among those that drive about as fast as the first one, changes towards the defaults of C++ come
-    first, and small ones: the default of a value that hinders says more than what makes up for it.
+    Among those that drive about as fast as the first one, the mildest come first: the usual value
+    of a parameter that hinders says more than what makes up for it.
     """
-    known_servers = servers(robot.all_parameters())
-    ranked: List[Tuple[Tuple[bool, bool, float], Candidate]] = []
-    for tried in finalists:
-        candidate = tried.candidate
-        if candidate is None:
-            continue
-        is_slower = tried.seconds > NEARLY * finalists[0].seconds
-        rank = is_slower, _leads_away(candidate, known_servers), candidate.departure
-        ranked.append((rank, candidate))
-    ranked.sort(key=itemgetter(0))
-    return [candidate for _, candidate in ranked]
+    mildness = mildest_first(robot)
 
+    def key(tried: Tried) -> Tuple[bool, Tuple[float, float]]:
+        return tried.seconds > NEARLY * finalists[0].seconds, mildness(tried.candidate)
 
-def _leads_away(candidate: Candidate, known: Mapping[str, Server]) -> bool:
-    """Return whether the change that names a candidate leads away from C++'s default."""
-    change = candidate.changes[0]
-    # Sources of obstacles have values, and no server.
-    server = known.get(change.server)
-    if server is None:
-        return False
-    declared = server.declared(change.name)
-    return declared is not None and change.leads_away(declared.default)
+    return [tried.candidate for tried in sorted(finalists, key=key)]
 
 
 def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:
-    """Return whether a candidate is better on all courses together, and on none of them worse.
+    """Return whether a candidate is clearly better on all courses together, and on none worse.
 
     Args:
         tried: Drives of the candidate with the seeds that judge.
@@ -422,14 +406,12 @@ def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:
     """
     if not _is_better(tried, recorded):
         return False
-    # With no seed slower: one lucky drive can make a mean of three better by a tenth.
-    for first_drive in range(0, len(tried.drives), course_count):
-        of_seed = slice(first_drive, first_drive + course_count)
-        if _seconds(tried.drives[of_seed]) > _seconds(recorded.drives[of_seed]):
-            return False
+    # One lucky drive can make a mean better by a tenth.
+    if not clearly_worse(_seconds(recorded.drives), _seconds(tried.drives)):
+        return False
     for number in range(course_count):
-        drives = tried.drives[number::course_count]
-        if _is_worse(drives, recorded.drives[number::course_count]):
+        there = tried.on_course(number, course_count)
+        if _is_worse(there, recorded.on_course(number, course_count)):
             return False
     return True
 
@@ -439,14 +421,11 @@ def _is_better(tried: Tried, recorded: Tried) -> bool:
     return tried.arrivals >= recorded.arrivals and tried.seconds <= BETTER * recorded.seconds
 
 
-def _is_worse(drives: Sequence[Arrival], recorded_drives: Sequence[Arrival]) -> bool:
+def _is_worse(tried: Tried, recorded: Tried) -> bool:
     """Return whether drives on a course arrive less often, or clearly later, than recorded ones."""
-    arrivals = sum(drive.success for drive in drives)
-    recorded_arrivals = sum(drive.success for drive in recorded_drives)
-    is_slower = _seconds(drives) > NEARLY * _seconds(recorded_drives)
-    return arrivals < recorded_arrivals or is_slower
+    return tried.arrivals < recorded.arrivals or tried.seconds > NEARLY * recorded.seconds
 
 
-def _seconds(drives: Sequence[Arrival]) -> float:
-    """Return the time of all drives [s]."""
-    return sum(drive.seconds for drive in drives)
+def _seconds(drives: Sequence[Arrival]) -> np.ndarray:
+    """Return the times of drives (n,) [s]."""
+    return np.array([drive.seconds for drive in drives])

@@ -1,8 +1,18 @@
-"""Comparison of two methods over worlds: which one costs less, by how much, and how significantly.
+"""Whether something is better: the one paired comparison of all attempts.
 
-The world is the statistical unit, because trials in one world resemble each other. A method is
-represented by its mean cost in each world. The cost of a trial is, for example, its time, or a
-fixed time if it failed or touched something [s].
+What is compared drives the same worlds with the same seeds. A drive costs its time, or a fixed cost
+if it did not arrive cleanly (drives/outcome.py). A paired test decides: of policies and sets
+(evaluate), of sets in a race (tune), and of a remedy (why). The world is the statistical unit,
+because trials in one world resemble each other: a method is represented by its mean cost in each
+world. These rules stay apart:
+
+- A change helps a robot on open floor (check) if all courses are driven cleanly: the robot fails
+  there as it is, and nothing in that simulator is random.
+- The policy with the lowest mean score is kept (train): this only chooses what is judged, in other
+  worlds.
+- A parameter goes back to its default (tune) if that costs next to nothing: the fewest changes are
+  wanted where no test would tell.
+- A remedy for many stops (why) may make none of them worse: a few drives at each are no test.
 """
 
 from __future__ import annotations

@@ -8,17 +8,20 @@ compared; the other values of a costmap depend on sensors and surroundings.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, NamedTuple, Sequence
+from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import tables
-from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, layers
-from applr_ros1.planner.parameters.parameter import RESTORE, Parameter
+from applr_ros1.planner.parameters.layers import INFLATION_LAYER, layers
+from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.robot import Base
-from training.why.candidates import UNUSUAL
+from applr_ros1.why.factors import FUTILE
 
+# A change of both is named by the local one, which the replay of a local planner knows.
+COSTMAPS = ("local_costmap", "global_costmap")
+UNUSUAL = 0.4  # logarithm of the ratio to the usual value from which on a value is unusual (1.5)
 GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
 
 
@@ -40,6 +43,11 @@ class ParameterPlace(NamedTuple):
         """Latest name of the parameter."""
         return self.declared.name
 
+    @property
+    def address(self) -> Tuple[str, str]:
+        """Server and name."""
+        return self.server, self.name
+
 
 def places_of(robot: Robot) -> List[ParameterPlace]:
     """Return the numbers and flags of move_base itself, local planner and inflation layers."""
@@ -54,8 +62,8 @@ def places_of(robot: Robot) -> List[ParameterPlace]:
         section = branch(tree, server)
         for declared in declarations[server]:
             value = section.get(declared.name)
-            # RESTORE is a command, not a value. Flags are numbers in Python.
-            if isinstance(value, (int, float)) and declared is not RESTORE:
+            # Flags are numbers in Python.
+            if isinstance(value, (int, float)) and declared.name not in FUTILE:
                 places.append(ParameterPlace(server, declared, value))
     return places
 
@@ -119,26 +127,23 @@ class UsualValues:
                 if not is_of_planner or included.local_planner == robot.local_planner:
                     self.of_robots.setdefault(place.name, []).append(value)
 
-    def support(self, changes: Sequence[Change]) -> int:
-        """Return how many usual values are near the new values: the fewest of any parameter."""
+    def support(self, changes: Sequence[Change]) -> float:
+        """Return how many usual values are near the new values: the fewest of any parameter.
+
+        Of other values of a costmap, none but usual ones are tried: the result is inf.
+        """
         new_values = {(change.server, change.name): change.after for change in changes}
         counts = []
         for place in places_of(self._robot):
-            new_value = new_values.get((place.server, place.name))
+            new_value = new_values.get(place.address)
             if new_value is not None:
                 departures = [departure(new_value, known) for known in self._known(place)]
                 counts.append(sum(ratio < UNUSUAL for ratio in departures))
-        return min(counts, default=0)
+        return min(counts, default=math.inf)
 
     def departure(self, place: ParameterPlace) -> float:
         """Return the departure of a value from the nearest usual one."""
-        references = self._known(place)
-        # A planner may use all the speed of its base.
-        if place.declared.kind in self._largest and place.name.startswith("max_"):
-            references.append(self._largest[place.declared.kind])
-        if place.name in self._only:
-            references.append(self._only[place.name])
-        return min(departure(place.value, reference) for reference in references)
+        return min(departure(place.value, known) for known in self._known(place))
 
     def to_try(self, place: ParameterPlace) -> List[Any]:
         """Return the values to try instead of one, the nearest first.
@@ -157,8 +162,13 @@ class UsualValues:
         return sorted(distinct, key=lambda value: departure(place.value, value))
 
     def _known(self, place: ParameterPlace) -> List[Any]:
-        """Return the base's own value, the declared default, and those of the included robots."""
+        """Return the usual values: those of the base, the default, and the included robots'."""
         known = [place.declared.default, *self.of_robots.get(place.name, [])]
         if place.name in self._of_base:
             known.insert(0, self._of_base[place.name])
+        # A planner may use all the speed of its base.
+        if place.declared.kind in self._largest and place.name.startswith("max_"):
+            known.append(self._largest[place.declared.kind])
+        if place.name in self._only:
+            known.append(self._only[place.name])
         return known
