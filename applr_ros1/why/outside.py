@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from typing import List, NamedTuple
+from typing import Optional
 
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
-from applr_ros1.why.diagnosis import give_outside_reason
-from applr_ros1.why.events import DriveLimits, Event
+from applr_ros1.why.black_box.description import DescribedRobot
+from applr_ros1.why.diagnosis import (
+    Diagnosis,
+    event_of_stop,
+    give_outside_reason,
+    give_silence,
+)
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 
@@ -37,25 +42,28 @@ def control_period(drive: Drive, robot: Robot) -> float:
     return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
 
 
-class OutsideView(NamedTuple):
-    """Motion of a drive, its speed limits, and its events with the reasons that need no replay."""
-
-    motion: Motion
-    limits: DriveLimits
-    events: List[Event]
-
-
-def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> OutsideView:
-    """Return what is known of a drive without a replay.
+def seen_from_outside(
+    drive: Drive,
+    odometry: Motion,
+    robot: Robot,
+    note: str = "",
+    box: Optional[DescribedRobot] = None,
+) -> Diagnosis:
+    """Return what is known of a drive without a replay, so that it is known of every planner.
 
     Args:
         drive: The drive.
         odometry: Its odometry.
         robot: Robot that drove.
+        note: Why it is not replayed.
+        box: Description of a black box's bag, or None.
     """
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
     found_events = events.find(drive, motion, limits)
+    asked = event_of_stop(found_events, drive, box)
     for event in found_events:
         give_outside_reason(event, drive, robot, control_period(drive, robot))
-    return OutsideView(motion, limits, found_events)
+    give_silence(asked, box)
+    top_speed = float(limits.speed.mean())
+    return Diagnosis(drive, robot, motion, top_speed, found_events, asked=asked, note=note)

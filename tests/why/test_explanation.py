@@ -14,7 +14,7 @@ from applr_ros1.planner.sampling_planner import OBSTACLE_TERM, PATH_TERM
 from applr_ros1.planner.trajectory.planner import SCALES, TrajectoryPlanner
 from applr_ros1.why import diagnosis
 from applr_ros1.why.alternatives import guesses_of
-from applr_ros1.why.answer import what_happened
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import diagnose, explain_event
 from applr_ros1.why.events import AT_GOAL, Event
 from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
@@ -400,8 +400,8 @@ def test_a_place_beside_the_robot_is_said_in_positive_numbers():
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
     diagnosed = diagnose(driven_with_post(0.5, 0.0))
-    first_line = what_happened(diagnosed)
+    first_line = answer_of(diagnosed).first_line
     position = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
-    assert re.match(rf"The laser sees a part of the robot, {position}", first_line)
+    assert re.search(rf", because the laser sees a part of the robot, {position}", first_line)
     # Nothing about the planner is guessed from scans that show the robot itself.
     assert guesses_of(diagnosed) == []

@@ -14,9 +14,10 @@ from typing import Any, Callable, DefaultDict, Dict, List, Optional, Sequence, T
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
-from training.why.answer_file import StoredArrival, key_of_drive
 from training.why.bag_answer import answer_to
 from training.why.candidates import Candidate
+from training.why.driven import arrival_from, values_of_arrival
+from training.why.kept_answer import key_of_drive
 from training.why.logbook import Logbook, LoggedBag
 from training.why.recorded import BagAnswerOptions, with_description
 from training.why.remedies import CANDIDATES
@@ -117,7 +118,7 @@ def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
     first_candidates: Dict[Tuple[Any, ...], Candidate] = {}
     for bag in bags:
         for rank, stored in enumerate(bag.answer.candidates):
-            candidate = stored.candidate
+            candidate = Candidate(*stored)
             # The value before may differ from bag to bag.
             changed_values = tuple((one.server, one.name, one.after) for one in candidate.changes)
             scores[changed_values] += 1.0 / (1.0 + rank)
@@ -154,14 +155,14 @@ class KeptCourse:
 
     def _begin(self, changes: Sequence[Change], seed: int, to_beat: float) -> Callable[[], Arrival]:
         key = key_of_drive(changes, seed, to_beat)
-        drives = self._bag.file.drives
+        drives = self._bag.answer.drives
         if key in drives:
-            return lambda: _arrival_of(drives[key])
+            return lambda: arrival_from(drives[key])
         arrival_of = self._course_in_pool().begin(changes, seed, to_beat)
 
         def kept() -> Arrival:
             try:
-                drives[key] = StoredArrival.of(arrival_of())
+                drives[key] = values_of_arrival(arrival_of())
             except CallLost:
                 raise
             except CallFailed as refusal:
@@ -173,7 +174,7 @@ class KeptCourse:
             if monotonic() - self._saved_at > SAVED_S:
                 self.save()
             self._driven()
-            return _arrival_of(drives[key])
+            return arrival_from(drives[key])
 
         return kept
 
@@ -188,10 +189,3 @@ class KeptCourse:
         if self._bag.conditions is None:
             raise ApplrError(f"{self._bag.path}: its course is not known any more")
         return course_in(self._bag.conditions, self._pool)
-
-
-def _arrival_of(stored: Optional[StoredArrival]) -> Arrival:
-    """Return how a drive ended, or raise CallFailed if move_base refused its values."""
-    if stored is None:
-        raise CallFailed("move_base refuses the values")
-    return stored.arrival

@@ -11,9 +11,11 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tupl
 import numpy as np
 
 from applr_ros1.common.files import sha256
+from applr_ros1.why.answer import Answer
+from applr_ros1.why.events import Event
 from training.bags.read import BagError
-from training.why.answer_file import AnswerFile, bag_hash, key_of_answers
-from training.why.bag_answer import AnsweredBag, BagAnswer, StoredStop, answer_to
+from training.why.bag_answer import AnsweredBag, answer_to
+from training.why.kept_answer import AnswerFile, bag_hash, key_of_answers
 from training.why.recorded import BagAnswerOptions
 from training.why.whole_drives import DriveConditions
 from training.workers.calls import CallFailed
@@ -24,7 +26,7 @@ OVERLAP = 0.5  # share of the shorter of two stops from which on both are one st
 # Median distance of the places of two simulated drives at the same times up to which they are one
 # [m]. Places between those of a track may differ by a centimetre.
 ONE_DRIVE_M = 0.02
-FEWEST_PLACES = 10  # number of places in both bags below which nothing is known
+SHORTEST_S = 5.0  # time in both bags below which nothing is known [s]
 CELL_M = 0.2  # edge of the cells by which odometry frames are compared [m]
 ALIKE = 0.5  # share of the cells in the part that both drives saw from which on their frames agree
 FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
@@ -47,7 +49,7 @@ class LoggedBag:
 
     path: Path
     file: AnswerFile
-    answer: BagAnswer
+    answer: Answer
     conditions: Optional[DriveConditions] = None
     floor: int = 0
 
@@ -62,7 +64,7 @@ class LoggedStop:
     """
 
     bag: LoggedBag
-    stop: StoredStop
+    stop: Event
 
     @property
     def begin(self) -> float:
@@ -82,7 +84,8 @@ class LoggedStop:
     @property
     def position(self) -> Tuple[float, float]:
         """Place x, y [m] in the frame of its floor."""
-        return self.stop.x, self.stop.y
+        ((x, y),) = self.bag.answer.placed([self.stop.place]).tolist()
+        return x, y
 
 
 @dataclass
@@ -166,7 +169,7 @@ def logbook_of(
     notes += _notes_of_files(files)
     set_floors(bags)
     stops = stops_of(bags)
-    stop_count = sum(len(bag.answer.stops) for bag in bags)
+    stop_count = sum(len(bag.answer.events) for bag in bags)
     if len(stops) < stop_count:
         notes.append(f"{stop_count - len(stops)} stops are in two bags: they are counted once")
     logbook = Logbook(bags, stops, places_of(stops), notes)
@@ -257,7 +260,7 @@ def stops_of(bags: Sequence[LoggedBag]) -> List[LoggedStop]:
     """
     all_stops = []
     for bag in bags:
-        for stop in bag.answer.stops:
+        for stop in bag.answer.events:
             all_stops.append(LoggedStop(bag, stop))
     all_stops.sort(key=lambda logged: -logged.stop.lost)
     distinct_stops: List[LoggedStop] = []
@@ -288,19 +291,20 @@ def _is_one_place(stop: LoggedStop, other: LoggedStop) -> bool:
     return distance <= stop.bag.answer.length
 
 
-def _is_one_drive(answer: BagAnswer, other: BagAnswer) -> bool:
+def _is_one_drive(answer: Answer, other: Answer) -> bool:
     """Return whether two bags have the same drive, as far as both have it."""
     track = np.array(answer.track)
     other_track = np.array(other.track)
     times = answer.begin + track[:, 0]
     other_times = other.begin + other_track[:, 0]
-    in_both = (times >= other_times[0]) & (times <= other_times[-1])
-    if in_both.sum() < FEWEST_PLACES:
+    if min(times[-1], other_times[-1]) - max(times[0], other_times[0]) < SHORTEST_S:
         return False
-    other_x = np.interp(times[in_both], other_times, other_track[:, 1])
-    other_y = np.interp(times[in_both], other_times, other_track[:, 2])
-    distances = np.hypot(track[in_both, 1] - other_x, track[in_both, 2] - other_y)
-    return bool(np.median(distances) <= ONE_DRIVE_M)
+    in_both = (times >= other_times[0]) & (times <= other_times[-1])
+    x, y = answer.placed(track[in_both, 1:3]).T
+    other_x, other_y = other.placed(other_track[:, 1:3]).T
+    apart_x = x - np.interp(times[in_both], other_times, other_x)
+    apart_y = y - np.interp(times[in_both], other_times, other_y)
+    return bool(np.median(np.hypot(apart_x, apart_y)) <= ONE_DRIVE_M)
 
 
 def places_of(stops: Sequence[LoggedStop]) -> List[StopPlace]:
@@ -356,11 +360,9 @@ def set_floors(bags: Sequence[LoggedBag]) -> None:
             floor_count += 1
 
 
-def _cells(answer: BagAnswer) -> np.ndarray:
+def _cells(answer: Answer) -> np.ndarray:
     """Return the cells (n, 2) in which the laser saw something."""
-    if not answer.seen:
-        return np.zeros((0, 2), int)
-    cells: np.ndarray = np.unique(np.floor(np.array(answer.seen) / CELL_M).astype(int), axis=0)
+    cells: np.ndarray = np.unique(np.floor(answer.placed(answer.map) / CELL_M).astype(int), axis=0)
     return cells
 
 

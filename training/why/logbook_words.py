@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
+from dataclasses import replace
 from datetime import datetime
 from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
 
 from typing_extensions import override
 
-from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.why.answer import indented, sentence
-from applr_ros1.why.events import Event
+from applr_ros1.why.diagnosis import general
 from training.common.words import counted
-from training.why.answer import driven_rows, stops_near
 from training.why.common_change import CommonChange
+from training.why.driven import driven_rows, stops_near
 from training.why.logbook import Logbook, LoggedStop, StopPlace
-from training.why.whole_drives import SAME_PLACE_M
 
 WORST = 10  # number of stops in a list of the worst ones
 LISTED = 8  # number of reasons, and of places, that are listed
 UNKNOWN = "the reason is not known"
 OUTSIDE = "outside the planner"
 NO_GUESS = "no guess"
-NUMBER = re.compile(r"-?\d+(\.\d+)?")
-# Where an obstacle is, and which scan shows it, differs from stop to stop.
-OBSTACLE = re.compile(r"meets the obstacle .*")
 
 
 class LostTime(NamedTuple):
@@ -53,7 +48,7 @@ class LostTime(NamedTuple):
 def by_reason(stops: Sequence[LoggedStop]) -> List[LostTime]:
     """Return stops by reason, whatever was measured in each of them."""
     groups = []
-    for group in _grouped(stops, lambda logged: general(logged.stop.reason)):
+    for group in _grouped(stops, lambda logged: general(logged.stop.reason) or UNKNOWN):
         # Where all have the same reason, its numbers say more.
         reasons = {logged.stop.reason or UNKNOWN for logged in group.stops}
         groups.append(group._replace(words=reasons.pop()) if len(reasons) == 1 else group)
@@ -85,18 +80,12 @@ def _grouped(stops: Sequence[LoggedStop], words_of: Callable[[LoggedStop], str])
     return sorted(lost_times, key=lambda group: -group.lost)
 
 
-def general(reason: str) -> str:
-    """Return a reason without what was measured in one stop."""
-    if not reason:
-        return UNKNOWN
-    return NUMBER.sub("…", OBSTACLE.sub("meets an obstacle", reason))
-
-
 def parameter_of(logged: LoggedStop) -> str:
     """Return the parameter that the replay's best guess changes, or why there is none."""
     if logged.stop.is_outside:
         return OUTSIDE
-    return logged.bag.answer.parameter or NO_GUESS
+    guess = logged.bag.answer.guess
+    return guess[0].path if guess else NO_GUESS
 
 
 def day_of(logged: LoggedStop) -> str:
@@ -195,13 +184,8 @@ def how_sure(logbook: Logbook, change: Optional[CommonChange]) -> str:
 
 def _stops_there(change: CommonChange, number: int) -> bool:
     """Return whether the simulated robot stops where the recorded one did."""
-    answer = change.bags[number].answer
-    longest_stop = max(answer.stops, key=lambda stop: stop.end - stop.begin)
-    # Simulated drives are in the frame of the recorded one.
-    place = transform_point(inverse(answer.origin), longest_stop.x, longest_stop.y)
-    event = Event(longest_stop.kind, longest_stop.begin, longest_stop.end, place)
     recorded = change.trials.on_course(number).recorded
-    return stops_near(recorded, event, SAME_PLACE_M * answer.scale)
+    return stops_near(recorded, change.bags[number].answer)
 
 
 def place_in_words(place: StopPlace) -> str:
@@ -215,9 +199,8 @@ def place_in_words(place: StopPlace) -> str:
 
 def stop_in_words(logged: LoggedStop) -> str:
     """Return a stop with its bag."""
-    stop = logged.stop
-    event = Event(stop.kind, stop.begin, stop.end, (stop.x, stop.y), stop.reason)
-    return f"{stop.lost:.0f} s: {logged.bag.path.name}, {sentence(event)}"
+    event = replace(logged.stop, place=logged.position)
+    return f"{event.lost:.0f} s: {logged.bag.path.name}, {sentence(event)}"
 
 
 # -- terminal --------------------------------------------------------------------------------------

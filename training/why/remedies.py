@@ -71,7 +71,7 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     """
     replay = diagnosis.replay
     drive = replay.drive
-    longest_event = diagnosis.longest
+    longest_event = diagnosis.told
     goal = diagnosis.goal
     if longest_event is None or goal is None or not diagnosis.wants_remedy:
         return None

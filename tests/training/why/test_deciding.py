@@ -18,13 +18,14 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from training.why import answer, remedies, whole_drives
-from training.why.answer import Answer
+from training.why import remedies, whole_drives
 from training.why.deciding import decides
+from training.why.driven import with_trials
 from training.why.remedies import candidates, driven_trials, possible_guesses
 from training.workers.pool import Pool
 from worlds import Course, World
@@ -135,7 +136,7 @@ def test_a_dead_end_that_the_policy_entered_unseen_is_left_out_with_the_range_it
         "obstacle_range 2.5 -> 5, raytrace_range 3 -> 5.5 in both costmaps"
     )
     assert trials.remedy.seconds < 0.6 * trials.recorded.seconds
-    certainty = answer.how_sure(Answer(diagnosis, [], trials))
+    certainty = with_trials(answer_of(diagnosis), trials).sure
     assert certainty.endswith(
         "simulated with its policy, which made the recorded decisions, the robot stops there, too."
     )

@@ -13,10 +13,8 @@ from applr_ros1.drives.drive import REACHED, Goal, Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.why import alternatives
-from applr_ros1.why.answer import headline
-from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
-from applr_ros1.why.black_box.black_box import DESCRIPTION
-from applr_ros1.why.black_box.description import DescribedRobot, text_of, unknown_robot
+from applr_ros1.why.answer import answer_of
+from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import Event
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
@@ -25,7 +23,7 @@ from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
 from tests.support.pages import data_of
-from tests.support.raw_messages import raw_messages
+from tests.support.raw_messages import bag_of, description_of, raw_messages
 from tests.support.replays import (
     JACKAL,
     PLANNER,
@@ -295,7 +293,7 @@ def test_of_a_moment_without_a_goal_this_is_said(sound):
     replay = replace(sound, recording=replace(sound.recording, drive=drive))
     event = Event("stood", 2.0, 3.0, (0.0, 0.0), is_asked=True)
     happened = "The robot stood from 2.0 to 3.0 s: it had no goal."
-    assert headline(Diagnosis(replay, [event])) == happened
+    assert answer_of(Diagnosis.of(replay, [event], explained=[[]])).happened == happened
 
 
 @needs_browser
@@ -444,19 +442,23 @@ def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base
     assert "because move_base sent no command for" in output.splitlines()[0]
 
 
-def box_bag(path, robot, drive, is_known):
+def box_bag(path, robot, drive, is_known, stop=None):
     """Write the bag of a black box, and return its path.
 
-    is_known: whether the robot has a description.
+    Args:
+        path: The path.
+        robot: Robot that drove.
+        drive: Its drive.
+        is_known: Whether the robot has a description.
+        stop: Stop for which the bag is kept, or None.
     """
     topics = replace(TopicNames.of(robot), scan="/lidar", command="/base/cmd_vel")
     messages = raw_messages(path.with_suffix(".source.bag"), drive, robot=robot, topics=topics)
     described = robot if is_known else unknown_robot(robot.parameters())
-    text = text_of(DescribedRobot(described, topics, is_known)).encode()
-    serialised = len(text).to_bytes(4, "little") + text
-    description = RawMessage(messages[0].time, DESCRIPTION, serialised)
-    with open(path, "wb") as file:
-        write_messages(file, [description, *messages])
+    description = description_of(
+        DescribedRobot(described, topics, is_known), messages[0].time, stop
+    )
+    path.write_bytes(bag_of([description, *messages]))
     return path
 
 

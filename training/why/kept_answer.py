@@ -10,64 +10,23 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Sequence
+from typing import Iterator, Optional, Sequence, Tuple
 
-import numpy as np
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
+from applr_ros1.why.answer import Answer
 from training.common.provenance import source_hash
 from training.evaluate.runner import content
-from training.why.bag_answer import BagAnswer, Stored
 from training.why.recorded import BagAnswerOptions
-from training.why.values import thinned
-from training.why.whole_drives import Arrival
 
 ENDING = ".why.json"  # end of the file's name, after the bag's
 BLOCK = 1 << 20  # part of a bag that is hashed at once [bytes]
-
-
-class StoredArrival(Stored):
-    """How a whole drive ended (Arrival), with fewer positions."""
-
-    success: bool
-    seconds: float
-    is_slow: bool
-    path: List[List[float]]
-
-    @classmethod
-    def of(cls, arrival: Arrival) -> StoredArrival:
-        """Return a drive as plain values."""
-        return cls(
-            success=arrival.success,
-            seconds=arrival.seconds,
-            is_slow=arrival.is_slow,
-            path=thinned(arrival.path),
-        )
-
-    @property
-    def arrival(self) -> Arrival:
-        """How the drive ended."""
-        path = np.array(self.path, np.float32).reshape(-1, 3)
-        return Arrival(self.success, self.seconds, self.is_slow, path)
-
-
-class AnswerContent(Stored):
-    """Content of a file.
-
-    Attributes:
-        key: Key of what made the answer.
-        answer: The answer.
-        drives: Simulated drives in the world of the bag, by key_of_drive; None for values that
-            move_base refuses.
-    """
-
-    key: str
-    answer: BagAnswer
-    drives: Dict[str, Optional[StoredArrival]] = {}
+# A key of what made an answer, and the answer
+KEPT: TypeAdapter[Tuple[str, Answer]] = TypeAdapter(Tuple[str, Answer])
 
 
 class AnswerFile:
@@ -79,15 +38,13 @@ class AnswerFile:
 
     Attributes:
         answer: The answer; None if it is not known yet.
-        drives: Simulated drives, as in AnswerContent.
         is_damaged: Whether a file is there that is no answer.
         problem: Why the answer cannot be kept; "" if it can.
     """
 
     def __init__(self, bag_path: Path, key: str):
         self.bag_path = bag_path
-        self.answer: Optional[BagAnswer] = None
-        self.drives: Dict[str, Optional[StoredArrival]] = {}
+        self.answer: Optional[Answer] = None
         self.is_damaged = False
         self.problem = ""
         # The folder of a ROS 2 bag may be given as ".", which has no name.
@@ -97,22 +54,20 @@ class AnswerFile:
         if not self._path.exists():
             return
         try:
-            kept = AnswerContent.model_validate_json(read_bytes(self._path))
+            kept_key, answer = KEPT.validate_json(read_bytes(self._path))
         except (ApplrError, ValidationError):
             self.is_damaged = True
             return
         # An answer to another bag, or of another state of the code, is made again.
-        if kept.key == key:
-            self.answer = kept.answer
-            self.drives = dict(kept.drives)
+        if kept_key == key:
+            self.answer = answer
 
     def save(self) -> None:
         """Write the file whole, if there is an answer and the folder can be written."""
         if self.answer is None or self.problem:
             return
-        kept = AnswerContent(key=self._key, answer=self.answer, drives=self.drives)
         try:
-            write_bytes(self._path, kept.model_dump_json().encode())
+            write_bytes(self._path, KEPT.dump_json((self._key, self.answer)))
         except ApplrError as problem:
             self.problem = str(problem)
 
