@@ -27,6 +27,7 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
 from applr_ros1.why.alternatives import guesses_of
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.fitting import Fittable, plans_of
 from applr_ros1.why.recording import Recording
@@ -35,8 +36,8 @@ from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
 from training.why import __main__ as why
-from training.why.answer import Answer, lines_of, undriven_guess
 from training.why.candidates import Candidate, file_candidates, with_changes
+from training.why.driven import with_trials
 from training.why.recorded import recording_of
 from training.why.remedies import driven_trials
 from training.why.whole_drives import RANDOM
@@ -372,24 +373,25 @@ class Bench:
             with Pool(0) as pool:
                 diagnosis = diagnose(replay)
                 guesses = guesses_of(diagnosis)
-                answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
-            answer_in_words = " | ".join(lines_of(answer)[:3])
+                trials = driven_trials(diagnosis, guesses, pool)
+            answer = with_trials(answer_of(diagnosis, guesses), trials)
+            answer_in_words = " | ".join(answer.lines[:3])
         else:  # The planner never had a path, and the command says so.
-            answer = Answer(Diagnosis(replay, []))
+            trials = None
+            answer = answer_of(Diagnosis.of(replay, []))
             answer_in_words = "no command has a plan"
         answer_time = process_time() - began
 
         # Follow the advice. Without a change to follow, the answer may still name a parameter.
         time_before = mean_time(robot, table_row.world)
         time_after = time_before
-        remedy = answer.trials.remedy if answer.trials else None
+        remedy = trials.remedy if trials else None
         if remedy is not None and remedy.candidate is not None:
             named_parameters = remedy.candidate.names
             remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
             time_after = mean_time(remedied_robot, table_row.world)
         else:
-            guess = undriven_guess(answer)
-            named_parameters = [guess.change.name] if guess is not None else []
+            named_parameters = [change.name for change in answer.guess[:1]]
 
         # Judge it.
         spoilt_parameters = set(fault.names) if fault else set()

@@ -68,7 +68,7 @@ class Answer:
         notes: Sentences about the drive.
 
         events: Events in order of time.
-        told: The event that is told; None if the robot did not stop.
+        told_row: Row of the event that is told; -1 if the robot did not stop.
         first_kind: What a black box said when it found the stop; "" without a stop of one.
         first_line: What happened, with time and place, and why.
         happened: The same as a sentence about the robot, for the top of a page.
@@ -78,7 +78,6 @@ class Answer:
         plan: Places of the first plan.
         goal: Place of the goal that was pursued, or None.
         footprint: Corners of the robot.
-        cycles: Values of the explained cycles of each event.
         weighed: Lines about a moment that somebody asks about.
 
         commands: Number of recorded commands.
@@ -108,21 +107,20 @@ class Answer:
     frame: str
     is_shared: bool = False
     origin: Pose = (0.0, 0.0, 0.0)
-    notes: List[str] = field(default_factory=list)
+    notes: Sequence[str] = ()
 
-    events: List[Event] = field(default_factory=list)
-    told: Optional[Event] = None
+    events: Sequence[Event] = ()
+    told_row: int = -1
     first_kind: str = ""
     first_line: str = ""
     happened: str = ""
-    track: List[List[float]] = field(default_factory=list)
+    track: Sequence[List[float]] = ()
     top_speed: float = 0.0
-    map: List[List[float]] = field(default_factory=list)
-    plan: List[List[float]] = field(default_factory=list)
+    map: Sequence[List[float]] = ()
+    plan: Sequence[List[float]] = ()
     goal: Optional[Tuple[float, float]] = None
-    footprint: List[List[float]] = field(default_factory=list)
-    cycles: List[List[Dict[str, Any]]] = field(default_factory=list)
-    weighed: List[str] = field(default_factory=list)
+    footprint: Sequence[List[float]] = ()
+    weighed: Sequence[str] = ()
 
     commands: int = 0
     reproduced: int = 0
@@ -130,17 +128,22 @@ class Answer:
     certainty: str = ""
     note: str = ""
 
-    advice: List[str] = field(default_factory=list)
+    advice: Sequence[str] = ()
     guess: Tuple[Change, ...] = ()
-    alternatives: List[str] = field(default_factory=list)
+    alternatives: Sequence[str] = ()
     alternatives_heading: str = ""
-    candidates: List[Tuple[Tuple[Change, ...], str]] = field(default_factory=list)
+    candidates: Sequence[Tuple[Tuple[Change, ...], str]] = ()
     policy_decides: bool = False
     drives: Dict[str, Optional[DriveValues]] = field(default_factory=dict)
-    remedies: List[str] = field(default_factory=list)
-    tried: List[Dict[str, Any]] = field(default_factory=list)
+    remedies: Sequence[str] = ()
+    tried: Sequence[Dict[str, Any]] = ()
     recorded: Optional[Dict[str, Any]] = None
-    driven: List[str] = field(default_factory=list)
+    driven: Sequence[str] = ()
+
+    @property
+    def told(self) -> Event:
+        """The event that is told, if the robot stopped."""
+        return self.events[self.told_row]
 
     @property
     def is_replayed(self) -> bool:
@@ -161,21 +164,19 @@ class Answer:
     def lines(self) -> List[str]:
         """The answer for a terminal: what happened, what to change, how sure, then the rest."""
         lines = [self.first_line, *self.advice, self.sure, *self.weighed]
-        other_events = sorted(self.events, key=lambda event: -event.seconds)
-        if self.told in other_events:
-            other_events.remove(self.told)
-        lines += _listed("Other events", map(sentence, other_events[:LISTED]))
+        other_events = [event for row, event in enumerate(self.events) if row != self.told_row]
+        other_events.sort(key=lambda event: -event.seconds)
+        lines += under("Other events", map(sentence, other_events[:LISTED]))
         return [
             *lines,
             *self.driven,
-            *_listed(self.alternatives_heading, self.alternatives[:LISTED]),
+            *under(self.alternatives_heading, self.alternatives[:LISTED]),
         ]
 
     @property
     def sentence(self) -> str:
         """The answer to a stop while the robot drives, without what was tried."""
         event = self.told
-        assert event is not None
         words = f"the robot {event.kind}"
         # Somebody who asks to save has said nothing of the robot.
         if self.first_kind not in (SAVED, event.kind):
@@ -196,15 +197,12 @@ class Answer:
 
     def values(self) -> Dict[str, Any]:
         """Return JSON values, for programs and for the page."""
-        event_values = list(map(values_of, self.events))
-        for values, cycles in zip(event_values, self.cycles):
-            values["cycles"] = cycles
         return {
             **{name: getattr(self, name) for name in AS_THEY_ARE},
             "lines": self.lines,
             "answer": self.lines,
             "reproduced": self.share,
-            "events": event_values,
+            "events": list(map(values_of, self.events)),
         }
 
     def message(self) -> Dict[str, Any]:
@@ -213,7 +211,6 @@ class Answer:
         The fields of its header are `begin` [s, by the robot's clock] and `frame`.
         """
         event = self.told
-        assert event is not None
         x, y = event.place
         change = self.guess[0] if self.guess else NO_CHANGE
         return {
@@ -274,12 +271,11 @@ def answer_of(diagnosis: Diagnosis, guesses: Sequence[Alternative] = ()) -> Answ
         frame=drive.frame,
         notes=drive.notes,
         events=diagnosis.events,
-        told=told,
+        told_row=diagnosis.events.index(told) if told is not None else -1,
         first_line=first_line,
         happened=happened,
         track=thinned(track),
         top_speed=diagnosis.top_speed,
-        cycles=[[] for _ in diagnosis.events],
         note=diagnosis.note,
     )
     if diagnosis.replay is None:
@@ -297,9 +293,8 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
     clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
     cells = np.unique(np.rint(np.concatenate(clouds) / CELL_M), axis=0)
 
-    cycles = []
-    for explained in diagnosis.explained:
-        cycles.append([explanation.values() for explanation in explained])
+    for event, explained in zip(diagnosis.events, diagnosis.explained):
+        event.cycles = [explanation.values() for explanation in explained]
     certainty = str(replay)
     if replay.doubt:
         certainty += f"; {replay.doubt}"
@@ -313,7 +308,6 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
         plan=_first_plan(replay.drive)[:, :2].round(2).tolist(),
         goal=goal.pose[:2] if goal is not None else None,
         footprint=footprint.round(3).tolist(),
-        cycles=cycles,
         weighed=_weighed(diagnosis),
         commands=replay.commands,
         reproduced=replay.reproduced,
@@ -352,7 +346,7 @@ def _weighed(diagnosis: Diagnosis) -> List[str]:
     if not explained:
         return []
     explanation = usual_of(explained)
-    return _listed(f"The planner's choice at {explanation.at:.1f} s", explanation.lines)
+    return under(f"The planner's choice at {explanation.at:.1f} s", explanation.lines)
 
 
 def _advice(diagnosis: Diagnosis, guess: Optional[Alternative]) -> List[str]:
@@ -428,7 +422,7 @@ def values_of(event: Event) -> Dict[str, Any]:
     }
 
 
-def _listed(heading: str, items: Iterable[Any]) -> List[str]:
+def under(heading: str, items: Iterable[Any]) -> List[str]:
     """Return a heading and a line for each item; nothing without items."""
     rows = indented(items)
     return [f"{heading}:", *rows] if rows else []

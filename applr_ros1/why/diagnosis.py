@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import Any, DefaultDict, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -153,6 +152,8 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float)
         robot: Robot that drove.
         period: Control period of the planner [s]; 0 if it is unknown.
     """
+    if event.is_outside:
+        return  # The description of its bag says why.
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
     if event.reason == NO_PATH and is_goal_occupied(stretch, robot):
@@ -178,7 +179,7 @@ def diagnose(
     odometry = replay.recording.odometry
     if at is None:
         found_events = events.find(replay.drive, odometry, replay.limits)
-        asked = event_of_stop(found_events, replay.drive, box)
+        asked = find_stop(found_events, replay.drive, box)
         touch = touch_of(replay.recording)
     else:
         asked = events.around(at, odometry, replay.limits)
@@ -189,7 +190,6 @@ def diagnose(
     # Why it happened
     for event in found_events:
         diagnosis.explained.append(explain_event(replay, event))
-    give_silence(asked, box)
     if found_events:
         diagnosis.part = part_of_robot(replay)
     if diagnosis.part is not None:
@@ -200,7 +200,7 @@ def diagnose(
     return diagnosis
 
 
-def event_of_stop(
+def find_stop(
     found_events: List[Event], drive: Drive, box: Optional[DescribedRobot]
 ) -> Optional[Event]:
     """Return the event that is the stop of a black box's bag.
@@ -216,28 +216,25 @@ def event_of_stop(
     if box is None or box.stop is None:
         return None
     stop = box.stop
-    if stop.kind == SAVED:
-        # Somebody who asks to save asks about the latest event.
-        return max(found_events, key=lambda event: event.end, default=None)
+    if stop.kind == SAVED and not found_events:
+        return None
     begin = stop.begin - drive.recorded_at - events.AROUND_S
     end = stop.end - drive.recorded_at
 
     def overlap(event: Event) -> float:
+        # Somebody who asks to save asks about the latest event.
+        if stop.kind == SAVED:
+            return event.end
         return min(event.end, end) - max(event.begin, begin)
 
     if not any(overlap(event) > 0.0 for event in found_events):
         found_events.append(Event(stop.kind, begin, end, stop.place))
         found_events.sort(key=lambda event: event.begin)
-    return max(found_events, key=overlap)
-
-
-def give_silence(event: Optional[Event], box: Optional[DescribedRobot]) -> None:
-    """Set the reason of a stop whose robot had a sensor that nobody published."""
-    silence = nobody_publishes(box.unpublished) if box is not None else ""
+    event_of_stop = max(found_events, key=overlap)
     # Whatever else stops a robot without its laser follows from that.
-    if event is not None and silence:
-        event.reason = silence
-        event.is_outside = True
+    event_of_stop.reason = nobody_publishes(box.unpublished)
+    event_of_stop.is_outside = bool(event_of_stop.reason)
+    return event_of_stop
 
 
 def explain_event(replay: Replay, event: Event) -> List[Explanation]:
@@ -261,13 +258,11 @@ def usual_of(explained: Sequence[Explanation]) -> Explanation:
     It has the reason that most of the explained cycles have, whatever was measured in each. Of
     these cycles it is the middle one.
     """
-    middle_reason = general(explained[len(explained) // 2].words)
-    by_reason: DefaultDict[str, List[Explanation]] = defaultdict(list)
-    for explanation in explained:
-        by_reason[general(explanation.words)].append(explanation)
-    usual_reason = max(by_reason, key=lambda it: (len(by_reason[it]), it == middle_reason))
-    usual = by_reason[usual_reason]
-    return usual[len(usual) // 2]
+    reasons = [general(explanation.words) for explanation in explained]
+    middle_reason = reasons[len(reasons) // 2]
+    usual = max(reasons, key=lambda it: (reasons.count(it), it == middle_reason))
+    rows = [row for row, reason in enumerate(reasons) if reason == usual]
+    return explained[rows[len(rows) // 2]]
 
 
 def general(reason: str) -> str:

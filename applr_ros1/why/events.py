@@ -7,7 +7,7 @@ afterwards (reasons.py, diagnosis.py).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -82,6 +82,7 @@ class Event:
         is_asked: Whether it is the time around a moment that somebody asks about.
         is_arrived: Whether the robot was within both tolerances of its goal for half of it.
         lost: Time that it cost: its duration without that of its way at top speed [s].
+        cycles: JSON values of its explained cycles, for a page.
     """
 
     kind: str
@@ -93,6 +94,7 @@ class Event:
     is_asked: bool = False
     is_arrived: bool = False
     lost: float = 0.0
+    cycles: Sequence[Dict[str, Any]] = ()
 
     @property
     def seconds(self) -> float:

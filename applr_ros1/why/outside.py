@@ -10,12 +10,7 @@ from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
 from applr_ros1.why.black_box.description import DescribedRobot
-from applr_ros1.why.diagnosis import (
-    Diagnosis,
-    event_of_stop,
-    give_outside_reason,
-    give_silence,
-)
+from applr_ros1.why.diagnosis import Diagnosis, find_stop, give_outside_reason
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 
@@ -61,9 +56,8 @@ def seen_from_outside(
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
     found_events = events.find(drive, motion, limits)
-    asked = event_of_stop(found_events, drive, box)
+    asked = find_stop(found_events, drive, box)
     for event in found_events:
         give_outside_reason(event, drive, robot, control_period(drive, robot))
-    give_silence(asked, box)
     top_speed = float(limits.speed.mean())
     return Diagnosis(drive, robot, motion, top_speed, found_events, asked=asked, note=note)

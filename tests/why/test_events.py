@@ -439,6 +439,7 @@ def test_a_goal_in_an_obstacle_is_said_if_there_is_no_path(
     # Then
     assert event.reason == NO_PATH + (OCCUPIED if is_occupied else "")
     # Without tf, nobody knows where the laser sees the goal.
+    event = Event("stood", 3.0, 6.0, (0.0, 0.0))
     give_outside_reason(event, replace(drive, transforms=None), JACKAL, 0.05)
     assert event.reason == NO_PATH
 

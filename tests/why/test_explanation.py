@@ -15,7 +15,7 @@ from applr_ros1.planner.trajectory.planner import SCALES, TrajectoryPlanner
 from applr_ros1.why import diagnosis
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import answer_of
-from applr_ros1.why.diagnosis import diagnose, explain_event
+from applr_ros1.why.diagnosis import diagnose, explain_event, usual_of
 from applr_ros1.why.events import AT_GOAL, Event
 from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
 from applr_ros1.why.limits import start_values
@@ -391,6 +391,27 @@ def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
 
     assert [explanation.words for explanation in explanations] == ["0.1 m/s were wanted"] * 5
     assert event.reason == "0.1 m/s were wanted"
+
+
+@pytest.mark.parametrize(
+    ("words", "row"),
+    [
+        # The plan leads back for a moment, in the middle of a wait before a gap.
+        (
+            ["meets the obstacle 0.12 m ahead"] * 2 + ["back"] + ["meets the obstacle 0.1 m ahead"],
+            1,
+        ),
+        (["back", "back", "meets the obstacle 0.1 m ahead", "a", "b"], 1),
+        # As many have each of them: the middle one counts.
+        (["a", "b", "c"], 1),
+        (["a", "a", "b", "c", "c"], 1),
+    ],
+)
+def test_the_reason_that_most_cycles_have_stands_for_an_event(words, row):
+    explained = [
+        Explanation(float(n), (0.0, 0.0, 0.0), words=entry) for n, entry in enumerate(words)
+    ]
+    assert usual_of(explained) is explained[row]
 
 
 def test_a_place_beside_the_robot_is_said_in_positive_numbers():

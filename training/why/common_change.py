@@ -17,8 +17,8 @@ from applr_ros1.robots import Robot
 from training.why.bag_answer import answer_to
 from training.why.candidates import Candidate
 from training.why.driven import arrival_from, values_of_arrival
-from training.why.kept_answer import key_of_drive
-from training.why.logbook import Logbook, LoggedBag
+from training.why.logbook import Logbook
+from training.why.logged_bag import LoggedBag, key_of_drive
 from training.why.recorded import BagAnswerOptions, with_description
 from training.why.remedies import CANDIDATES
 from training.why.whole_drives import (
@@ -149,7 +149,7 @@ class KeptCourse:
     def save(self) -> None:
         """Write the drives that were made since the last saving."""
         if self._is_changed:
-            self._bag.file.save()
+            self._bag.save()
         self._is_changed = False
         self._saved_at = monotonic()
 

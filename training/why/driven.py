@@ -54,7 +54,6 @@ def _advice(answer: Answer, trials: WholeDriveTrials) -> List[str]:
 
 def stops_near(tried: Tried, answer: Answer) -> bool:
     """Return whether one of the simulated drives stands where the event lies that is told."""
-    assert answer.told is not None
     reach = SAME_PLACE_M * answer.scale
     for drive in tried.drives:
         # Where the robot is at each time, and STOPS_S later

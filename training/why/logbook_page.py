@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 from urllib.parse import quote
@@ -16,7 +17,7 @@ from applr_ros1.why.answer import thinned, values_of
 from training.common.folders import make_folder
 from training.why.common_change import CommonChange
 from training.why.driven import trials_values
-from training.why.logbook import Logbook, LoggedBag, LoggedStop
+from training.why.logbook import Logbook, LoggedStop
 from training.why.logbook_words import (
     LostTime,
     advice,
@@ -29,6 +30,7 @@ from training.why.logbook_words import (
     lines_of,
     stop_in_words,
 )
+from training.why.logged_bag import LoggedBag
 from training.why.pages import MARKS, drive_page
 from worlds.map_reader import is_occupied
 from worlds.world import Grid
@@ -59,8 +61,9 @@ def logbook_values(logbook: Logbook, change: Optional[CommonChange]) -> Dict[str
 
     places = []
     for place, group in zip(logbook.places, groups(by_place(logbook.places))):
-        x, y = place.stops[0].position
-        places.append({**group, "place": [round(x, 3), round(y, 3)], "floor": place.floor})
+        x, y = place[0].position
+        floor = place[0].bag.floor
+        places.append({**group, "place": [round(x, 3), round(y, 3)], "floor": floor})
     remedies = []
     if change is not None and change.trials.remedy is not None:
         remedies.append(str(change.trials.remedy.candidate))
@@ -95,10 +98,9 @@ def _group_values(lost_time: LostTime, number_of: Dict[int, int]) -> Dict[str, A
 def _stop_values(logged: LoggedStop) -> Dict[str, Any]:
     """Return a stop as JSON values."""
     answer = logged.bag.answer
-    x, y = logged.position
     is_guessed = bool(answer.guess) and not logged.stop.is_outside
     return {
-        **values_of(logged.stop),
+        **values_of(replace(logged.stop, place=logged.position, cycles=())),
         "title": stop_in_words(logged),
         "bag": logged.bag.path.name,
         "robot": answer.robot,
@@ -106,7 +108,6 @@ def _stop_values(logged: LoggedStop) -> Dict[str, Any]:
         "guess": str(answer.guess[0]) if is_guessed else "",
         "frame": answer.frame,
         "floor": logged.bag.floor,
-        "place": [round(x, 3), round(y, 3)],
     }
 
 

@@ -9,12 +9,12 @@ from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
 
 from typing_extensions import override
 
-from applr_ros1.why.answer import indented, sentence
+from applr_ros1.why.answer import indented, sentence, under
 from applr_ros1.why.diagnosis import general
 from training.common.words import counted
 from training.why.common_change import CommonChange
 from training.why.driven import driven_rows, stops_near
-from training.why.logbook import Logbook, LoggedStop, StopPlace
+from training.why.logbook import Logbook, LoggedStop, lost_in
 
 WORST = 10  # number of stops in a list of the worst ones
 LISTED = 8  # number of reasons, and of places, that are listed
@@ -37,7 +37,7 @@ class LostTime(NamedTuple):
     @property
     def lost(self) -> float:
         """Time that they cost [s]."""
-        return sum(logged.stop.lost for logged in self.stops)
+        return lost_in(self.stops)
 
     @override
     def __str__(self) -> str:
@@ -66,9 +66,9 @@ def by_day(stops: Sequence[LoggedStop]) -> List[LostTime]:
     return sorted(_grouped(dated_stops, day_of), key=lambda group: group.words)
 
 
-def by_place(places: Sequence[StopPlace]) -> List[LostTime]:
+def by_place(places: Sequence[List[LoggedStop]]) -> List[LostTime]:
     """Return the stops at each place."""
-    return [LostTime(place_in_words(place), place.stops) for place in places]
+    return [LostTime(place_in_words(place[0]), place) for place in places]
 
 
 def _grouped(stops: Sequence[LoggedStop], words_of: Callable[[LoggedStop], str]) -> List[LostTime]:
@@ -188,9 +188,8 @@ def _stops_there(change: CommonChange, number: int) -> bool:
     return stops_near(recorded, change.bags[number].answer)
 
 
-def place_in_words(place: StopPlace) -> str:
+def place_in_words(worst_stop: LoggedStop) -> str:
     """Return where a place is."""
-    worst_stop = place.stops[0]
     answer = worst_stop.bag.answer
     x, y = worst_stop.position
     words = f"({x:.2f}, {y:.2f}) in {answer.frame}"
@@ -213,8 +212,7 @@ def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
     lines += _listed("By parameter of the replay's best guess", by_parameter(logbook.stops))
     lines += _listed("By place", by_place(logbook.places))
     lines += _listed("By day", by_day(logbook.stops))
-    lines.append("The worst stops:")
-    lines += indented(map(stop_in_words, logbook.stops[:WORST]))
+    lines += under("The worst stops", map(stop_in_words, logbook.stops[:WORST]))
     if change is not None:
         lines += driven_rows(change.trials)
     return lines
@@ -222,9 +220,7 @@ def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
 
 def _listed(title: str, groups: Sequence[LostTime]) -> List[str]:
     """Return a heading and the first of some groups; nothing without groups."""
-    if not groups:
-        return []
-    rows = [f"{title}:", *indented(groups[:LISTED])]
+    rows = under(title, groups[:LISTED])
     rest = groups[LISTED:]
     if rest:
         lost = sum(group.lost for group in rest)

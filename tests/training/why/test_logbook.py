@@ -29,8 +29,7 @@ from training.why.bag_answer import placed_frame
 from training.why.candidates import Candidate
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
 from training.why.driven import arrival_from, values_of_arrival
-from training.why.kept_answer import AnswerFile, bag_hash
-from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
+from training.why.logbook import Logbook, lost_in, places_of, stops_of
 from training.why.logbook_words import (
     advice,
     by_day,
@@ -40,6 +39,7 @@ from training.why.logbook_words import (
     lines_of,
     place_in_words,
 )
+from training.why.logged_bag import KEPT, LoggedBag, bag_hash
 from training.why.recorded import BagAnswerOptions
 from training.why.whole_drives import Arrival, DrivenCourse, try_out
 from training.workers.calls import CallFailed, CallLost
@@ -122,14 +122,16 @@ def stop_at(x, y=0.0, lost=10.0, begin=1.0, end=11.0, reason="the plan leads bac
 
 def answer_with(*stops, robot="jackal", begin=0.0, **fields):
     values = {"robot": robot, "length": 0.5, "scale": 1.0, "begin": begin, "frame": "odom"}
-    values.update(name="drive", track=[[0.0, 0.0, 0.0, 0.0]], told=stops[0] if stops else None)
+    values.update(name="drive", track=[[0.0, 0.0, 0.0, 0.0]], told_row=len(stops) - 1)
     return Answer(**{**values, **fields}, events=list(stops))
 
 
 def logged_bag(*stops, name="a.bag", floor=0, **fields):
-    answer = answer_with(*stops, **fields)
-    kept = SimpleNamespace(save=lambda: None)
-    return LoggedBag(Path(name), kept, answer, floor=floor)
+    bag = LoggedBag(Path(name), "key")
+    bag.problem = "a test keeps nothing"
+    bag.keep(answer_with(*stops, **fields))
+    bag.floor = floor
+    return bag
 
 
 def book_of(*bags):
@@ -141,12 +143,12 @@ def test_stops_within_a_robots_length_in_one_frame_are_one_place():
     here = logged_bag(stop_at(0.0, lost=9.0), stop_at(0.4, lost=5.0), stop_at(0.6, lost=20.0))
     elsewhere = logged_bag(stop_at(0.0, lost=30.0), name="b.bag", floor=1)
     places = book_of(here, elsewhere).places
-    assert [[logged.stop.place[0] for logged in place.stops] for place in places] == [
+    assert [[logged.stop.place[0] for logged in place] for place in places] == [
         [0.0],
         [0.6, 0.4],
         [0.0],
     ]
-    assert [place.lost for place in places] == [30.0, 25.0, 9.0]
+    assert list(map(lost_in, places)) == [30.0, 25.0, 9.0]
 
 
 def test_a_stop_that_two_bags_of_one_robot_have_is_counted_once():
@@ -233,8 +235,8 @@ def test_matched_poses_begin_anew_at_each_start_as_odometry_does(frame, route_fr
 )
 def test_a_place_in_a_frame_of_one_start_says_so(frame, is_shared, words):
     bag = logged_bag(stop_at(1.0), frame=frame, is_shared=is_shared)
-    (place,) = book_of(bag).places
-    assert place_in_words(place) == words
+    ((stop,),) = book_of(bag).places
+    assert place_in_words(stop) == words
 
 
 def test_a_map_lies_under_the_drives_in_its_frame_alone():
@@ -417,22 +419,21 @@ def test_a_bag_that_cannot_be_read_any_more_is_named():
 # -- files beside the bags
 def test_an_answer_is_kept_for_its_key_and_a_damaged_file_is_none(tmp_path):
     bag_path = tmp_path / "a.bag"
-    kept = AnswerFile(bag_path, "key")
+    kept = LoggedBag(bag_path, "key")
     arrival = Arrival(True, 12.34567, False, np.array([[0.0, 1.0, 2.0]], np.float32))
     drives = {"drive": values_of_arrival(arrival), "refused": None}
-    kept.answer = drivable(9.0, 1.0, drives=drives).answer
-    kept.save()
+    kept.keep(drivable(9.0, 1.0, drives=drives).answer)
 
-    again = AnswerFile(bag_path, "key")
-    assert again.answer == kept.answer
+    again = LoggedBag(bag_path, "key")
+    assert KEPT.dump_json(("", again.answer)) == KEPT.dump_json(("", kept.answer))
     assert arrival_from(again.answer.drives["drive"]).seconds == 12.34567
     assert Candidate(*again.answer.candidates[0]) == candidate_of(1.0)
-    assert AnswerFile(bag_path, "another key").answer is None
+    assert not LoggedBag(bag_path, "another key").is_answered
 
     (tmp_path / "a.bag.why.json").write_text('{"key": "key", "answer": {"robot": 1}}')
-    damaged = AnswerFile(bag_path, "key")
-    assert damaged.answer is None
+    damaged = LoggedBag(bag_path, "key")
     assert damaged.is_damaged
+    assert not damaged.is_answered
 
 
 def test_the_hash_of_a_ros2_bag_is_that_of_its_files_and_opens_no_device(tmp_path):
@@ -450,9 +451,7 @@ def test_the_answer_to_a_bag_that_is_the_current_folder_lies_beside_it(tmp_path,
     bag_path = tmp_path / "drive"
     bag_path.mkdir()
     monkeypatch.chdir(bag_path)
-    kept = AnswerFile(Path(), "key")
-    kept.answer = answer_with()
-    kept.save()
+    LoggedBag(Path(), "key").keep(answer_with())
     assert (tmp_path / "drive.why.json").is_file()
 
 

@@ -14,16 +14,19 @@ from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.why import alternatives
 from applr_ros1.why.answer import answer_of
+from applr_ros1.why.black_box.answering import answers_of
+from applr_ros1.why.black_box.bag_file import read_messages
 from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import Event
+from applr_ros1.why.events import Event, RobotStop
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
+from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.pages import data_of
-from tests.support.raw_messages import bag_of, description_of, raw_messages
+from tests.support.raw_messages import bag_of, description_of, deserialize, raw_messages
 from tests.support.replays import (
     JACKAL,
     PLANNER,
@@ -35,8 +38,9 @@ from tests.support.replays import (
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
+from training.why.bag_answer import answer_to
 from training.why.pages import drive_page
-from training.why.recorded import recording_of
+from training.why.recorded import BagAnswerOptions, recording_of
 from training.why.remedies import CANDIDATES
 from training.why.replayed import with_likely_robot
 
@@ -460,6 +464,38 @@ def box_bag(path, robot, drive, is_known, stop=None):
     )
     path.write_bytes(bag_of([description, *messages]))
     return path
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("begin", [None, 4.0, 11.0])
+def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(spoilt, folder, capsys, begin):
+    # Given: a drive that is replayed, and one of another planner that stands from 3 to 12 s, and
+    # from 18 to 24 s, where its laser is silent
+    robot, driven = spoilt
+    stop = RobotStop("stood", 3.0, 5.0, (0.0, 0.0))
+    if begin is not None:
+        robot = JACKAL
+        driven = drive_of(DRIVES + STANDS * 3 + DRIVES * 2 + STANDS * 2 + DRIVES)
+        scans = driven.scans.part(slice(0, int((driven.scans.time < 18.0).sum())))
+        driven = replace(driven, planners=["TebLocalPlannerROS"], plans=None, scans=scans)
+        stop = RobotStop("stood", 1.0 + begin, 13.0 + begin, (0.0, 0.0))
+    bag_path = box_bag(folder / "stop.bag", robot, driven, True, stop)
+
+    # When: the box answers, and the desk, alone and in a logbook
+    *_, box_answer = answers_of(list(read_messages(bag_path.read_bytes())), deserialize)
+    _, output, _ = ran(capsys, bag_path, "--quick", "--json")
+    logged_answer = answer_to(bag_path, BagAnswerOptions(quick=True)).answer
+
+    # Then: all tell the event of the stop, which need not be the longest one
+    assert json.loads(output)["lines"][0] == box_answer.first_line == logged_answer.first_line
+    told = box_answer.message()
+    for key in ("kind", "begin", "seconds", "reason", "reproduced"):
+        assert logged_answer.message()[key] == told[key], key
+    if begin is None:
+        assert told["reason"].startswith("no command faster than")
+    else:
+        assert told["begin"] == pytest.approx(4.0 if begin == 4.0 else 19.0, abs=0.2)
+        assert ("no scan" in told["reason"]) == (begin == 11.0)
 
 
 @pytest.mark.heavy

@@ -211,6 +211,21 @@ def test_of_two_stops_the_one_that_was_found_is_answered_or_the_latest_if_somebo
         assert answer.begin == pytest.approx(BEGIN_S + expected, abs=0.1)
 
 
+def test_the_end_of_a_goal_within_an_event_is_told_as_this_event(tmp_path):
+    # Given: a robot of another planner that stands from 3 to 12 s
+    tree = JACKAL.parameters()
+    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
+    teb = driving(JACKAL, tree)
+    drive = drive_of(DRIVES + STANDS * 3 + DRIVES)
+    drive = replace(drive, planners=["TebLocalPlannerROS"], plans=None)
+    # When: its goal is given up at the end
+    stop = RobotStop(GAVE_UP, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.0, 0.0))
+    (answer,) = answers(tmp_path / "gave_up.bag", teb, drive, stop)
+    # Then: not the last half second counts, but all that led to it
+    assert answer.kind == "stood"
+    assert answer.sentence.startswith(f"the robot {GAVE_UP}: it stood for 9 s at ")
+
+
 def test_somebody_who_asks_to_save_before_any_stop_is_told_so(spoilt, tmp_path):
     robot, drive = spoilt
     no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])

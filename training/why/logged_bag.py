@@ -1,4 +1,4 @@
-"""Keeps the answer to a bag in a JSON file beside it, so that a logbook continues where it stopped.
+"""Bag of a logbook, with its answer in a JSON file beside it: a logbook continues where it stopped.
 
 An answer counts only for the bag, the robot, the options and the code that made it. Nothing in the
 file is executed.
@@ -22,6 +22,7 @@ from applr_ros1.why.answer import Answer
 from training.common.provenance import source_hash
 from training.evaluate.runner import content
 from training.why.recorded import BagAnswerOptions
+from training.why.whole_drives import DriveConditions
 
 ENDING = ".why.json"  # end of the file's name, after the bag's
 BLOCK = 1 << 20  # part of a bag that is hashed at once [bytes]
@@ -29,45 +30,60 @@ BLOCK = 1 << 20  # part of a bag that is hashed at once [bytes]
 KEPT: TypeAdapter[Tuple[str, Answer]] = TypeAdapter(Tuple[str, Answer])
 
 
-class AnswerFile:
-    """Answer to a bag that is kept beside it.
+class LoggedBag:
+    """Bag of a logbook. The answer to it is kept beside it.
 
     Args:
-        bag_path: The bag.
+        path: The bag.
         key: Key of what makes the answer.
 
     Attributes:
-        answer: The answer; None if it is not known yet.
+        path: The bag.
+        is_answered: Whether the answer is known.
+        answer: The answer, once it is known.
+        conditions: Conditions of simulated drives in its world, if they are known.
+        floor: Number of the frame that it shares with other bags.
         is_damaged: Whether a file is there that is no answer.
         problem: Why the answer cannot be kept; "" if it can.
     """
 
-    def __init__(self, bag_path: Path, key: str):
-        self.bag_path = bag_path
-        self.answer: Optional[Answer] = None
+    answer: Answer
+
+    def __init__(self, path: Path, key: str):
+        self.path = path
+        self.is_answered = False
+        self.conditions: Optional[DriveConditions] = None
+        self.floor = 0
         self.is_damaged = False
         self.problem = ""
         # The folder of a ROS 2 bag may be given as ".", which has no name.
-        named_path = Path(os.path.abspath(bag_path))
-        self._path = named_path.with_name(named_path.name + ENDING)
+        named_path = Path(os.path.abspath(path))
+        self._file = named_path.with_name(named_path.name + ENDING)
         self._key = key
-        if not self._path.exists():
+        if not self._file.exists():
             return
         try:
-            kept_key, answer = KEPT.validate_json(read_bytes(self._path))
+            kept_key, answer = KEPT.validate_json(read_bytes(self._file))
         except (ApplrError, ValidationError):
             self.is_damaged = True
             return
         # An answer to another bag, or of another state of the code, is made again.
         if kept_key == key:
             self.answer = answer
+            self.is_answered = True
+
+    def keep(self, answer: Answer) -> None:
+        """Take the answer, and keep it."""
+        self.answer = answer
+        self.is_answered = True
+        self.save()
 
     def save(self) -> None:
-        """Write the file whole, if there is an answer and the folder can be written."""
-        if self.answer is None or self.problem:
+        """Write the answer whole, if the folder can be written."""
+        if self.problem:
             return
         try:
-            write_bytes(self._path, KEPT.dump_json((self._key, self.answer)))
+            write_bytes(self._file, KEPT.dump_json((self._key, self.answer)))
         except ApplrError as problem:
             self.problem = str(problem)
 
