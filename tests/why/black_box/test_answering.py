@@ -13,7 +13,7 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.description import DescribedRobot, driving
 from applr_ros1.why.black_box.stops import HELD
-from applr_ros1.why.events import SAVED, RobotStop
+from applr_ros1.why.events import GAVE_UP, SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import POOR
 from tests.support.drives import before_a_monitor, until
