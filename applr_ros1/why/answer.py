@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.drives.drive import Drive
@@ -229,7 +230,7 @@ class Answer:
             "after": float(change.after),
         }
 
-    def placed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
+    def placed(self, points: ArrayLike) -> np.ndarray:
         """Return points (n, 2) [m] of the drive's own frame in the frame of a logbook."""
         x, y = transform_point(self.origin, *np.reshape(points, (-1, 2)).T)
         return np.column_stack([x, y])
@@ -278,7 +279,7 @@ def answer_of(diagnosis: Diagnosis, guesses: Sequence[Alternative] = ()) -> Answ
         top_speed=diagnosis.top_speed,
         note=diagnosis.note,
     )
-    if diagnosis.replay is None:
+    if diagnosis.replayed is None:
         return answer
     return _with_replay(answer, diagnosis, guesses)
 
@@ -287,7 +288,6 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
     """Return an answer with what the replay shows."""
     replay = diagnosis.replay
     told = diagnosis.told
-    assert replay is not None
     # The map: points of some scans, one for each cell
     chosen_scans = np.linspace(0, len(replay.recording.scans) - 1, SCANS).astype(int)
     clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
@@ -367,7 +367,7 @@ def best_guess(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional
 
     None if it gains too little of the top speed, or if the replay is not to be trusted.
     """
-    if not guesses or diagnosis.replay is None or diagnosis.replay.is_poor:
+    if not guesses or diagnosis.replay.is_poor:
         return None
     if guesses[0].gain < GUESS_SHARE * diagnosis.top_speed:
         return None

@@ -61,7 +61,7 @@ class Diagnosis:
         top_speed: Mean top speed that the planner allows [m/s].
         events: Events in order of time, with their reasons.
         asked: The event that somebody, or the black box, asks about; None for the longest one.
-        replay: The replayed drive; None for what is seen from outside alone.
+        replayed: The replayed drive; None for what is seen from outside alone.
         note: Why it is not replayed, or what else limits the diagnosis; "" if nothing does.
         explained: Explanations of some cycles of each event; empty without a replay.
         part: Place (x, y) beside the robot where the laser sees a part of it, or None.
@@ -74,7 +74,7 @@ class Diagnosis:
     top_speed: float
     events: List[Event]
     asked: Optional[Event] = None
-    replay: Optional[Replay] = None
+    replayed: Optional[Replay] = None
     note: str = ""
     explained: List[List[Explanation]] = field(default_factory=list)
     part: Optional[Tuple[float, float]] = None
@@ -95,9 +95,15 @@ class Diagnosis:
             motion=replay.recording.odometry,
             top_speed=replay.top_speed,
             events=found_events,
-            replay=replay,
+            replayed=replay,
             **found,
         )
+
+    @property
+    def replay(self) -> Replay:
+        """The replayed drive, if there is one."""
+        assert self.replayed is not None
+        return self.replayed
 
     @property
     def told(self) -> Optional[Event]:
@@ -112,8 +118,6 @@ class Diagnosis:
 
         None if it is unknown.
         """
-        if self.replay is None:
-            return None
         event = self.told
         # An event may begin before the first route to its goal.
         time = 0.5 * (event.begin + event.end) if event is not None else math.inf
@@ -121,9 +125,7 @@ class Diagnosis:
 
     @property
     def wants_remedy(self) -> bool:
-        """True if events took much of a replayed drive that might have been faster."""
-        if self.replay is None:
-            return False
+        """True if events took much of the drive, and it was not nearly as fast as possible."""
         odometry = self.motion
         pursued_rows = np.flatnonzero(events.pursued(self.drive, odometry))
         if len(pursued_rows) < 2:

@@ -397,7 +397,7 @@ def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
     ("words", "row"),
     [
         # The plan leads back for a moment, in the middle of a wait before a gap.
-        (["meets the obstacle 1 m off", "meets the obstacle 2 m off", "back"] * 2, 3),
+        (["meets the obstacle 1 m off"] * 2 + ["back"] + ["meets the obstacle 2 m off"] * 2, 3),
         (["back", "back", "meets the obstacle 1 m off", "a", "b"], 1),
         # As many have each of them: the middle one counts.
         (["a", "b", "c"], 1),

@@ -60,7 +60,7 @@ def answer_to(path: Path, options: BagAnswerOptions) -> AnsweredBag:
         return AnsweredBag(answer, None)
     answer = replace(
         answer,
-        candidates=list(map(tuple, course.candidates)),
+        candidates=[(one.changes, one.words) for one in course.candidates],
         policy_decides=course.conditions.policy_decides,
     )
     return AnsweredBag(answer, course.conditions)
