@@ -18,7 +18,7 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots.geometry import bounding_box
 from applr_ros1.why import alternatives, events
 from applr_ros1.why.alternatives import Alternative
-from applr_ros1.why.diagnosis import Diagnosis, usual_of
+from applr_ros1.why.diagnosis import Diagnosis, usual_row
 from applr_ros1.why.events import GAVE_UP, SAVED, Event
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.stretch import SLOW
@@ -293,8 +293,6 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
     clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
     cells = np.unique(np.rint(np.concatenate(clouds) / CELL_M), axis=0)
 
-    for event, explained in zip(diagnosis.events, diagnosis.explained):
-        event.cycles = [explanation.values() for explanation in explained]
     certainty = str(replay)
     if replay.doubt:
         certainty += f"; {replay.doubt}"
@@ -340,13 +338,10 @@ def _ending(diagnosis: Diagnosis, event: Event) -> str:
 def _weighed(diagnosis: Diagnosis) -> List[str]:
     """Return the explanation of a moment that somebody asks about; nothing of other events."""
     event = diagnosis.told
-    if event is None or not event.is_asked or diagnosis.part is not None:
+    if event is None or not event.is_asked or not event.cycles or diagnosis.part is not None:
         return []
-    (explained,) = diagnosis.explained
-    if not explained:
-        return []
-    explanation = usual_of(explained)
-    return under(f"The planner's choice at {explanation.at:.1f} s", explanation.lines)
+    cycle = event.cycles[usual_row(event.cycles)]
+    return under(f"The planner's choice at {cycle['at']:.1f} s", cycle["lines"])
 
 
 def _advice(diagnosis: Diagnosis, guess: Optional[Alternative]) -> List[str]:

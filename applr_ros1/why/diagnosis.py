@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
-from typing import Any, List, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -63,7 +63,6 @@ class Diagnosis:
         asked: The event that somebody, or the black box, asks about; None for the longest one.
         replayed: The replayed drive; None for what is seen from outside alone.
         note: Why it is not replayed, or what else limits the diagnosis; "" if nothing does.
-        explained: Explanations of some cycles of each event; empty without a replay.
         part: Place (x, y) beside the robot where the laser sees a part of it, or None.
         touch: First contact, or None.
     """
@@ -76,7 +75,6 @@ class Diagnosis:
     asked: Optional[Event] = None
     replayed: Optional[Replay] = None
     note: str = ""
-    explained: List[List[Explanation]] = field(default_factory=list)
     part: Optional[Tuple[float, float]] = None
     touch: Optional[FirstContact] = None
 
@@ -191,7 +189,7 @@ def diagnose(
 
     # Why it happened
     for event in found_events:
-        diagnosis.explained.append(explain_event(replay, event))
+        explain_event(replay, event)
     if found_events:
         diagnosis.part = part_of_robot(replay)
     if diagnosis.part is not None:
@@ -239,32 +237,32 @@ def find_stop(
     return event_of_stop
 
 
-def explain_event(replay: Replay, event: Event) -> List[Explanation]:
-    """Set the reason of an event of a replayed drive, and return explanations of its cycles."""
+def explain_event(replay: Replay, event: Event) -> None:
+    """Set the reason and the explained cycles of an event of a replayed drive."""
     explained = _explanations(replay, event)
+    event.cycles = [explanation.values() for explanation in explained]
     give_outside_reason(event, replay.drive, replay.robot, replay.planner.period)
     if event.is_outside or not explained:
-        return explained
-    explanation = usual_of(explained)
+        return
+    explanation = explained[usual_row(event.cycles)]
     if event.kind == AT_GOAL and not explanation.is_blocked:
         cycles = replay.between(event.begin, event.end)
         event.reason = at_goal(replay.planner, cycles[-1].settings)
     elif explanation.words:
         event.reason = explanation.words
-    return explained
 
 
-def usual_of(explained: Sequence[Explanation]) -> Explanation:
-    """Return the explanation that stands for an event.
+def usual_row(cycles: Sequence[Mapping[str, Any]]) -> int:
+    """Return the row of the explained cycle that stands for an event.
 
-    It has the reason that most of the explained cycles have, whatever was measured in each. Of
-    these cycles it is the middle one.
+    It has the reason that most of the cycles have, whatever was measured in each. Of these cycles
+    it is the middle one.
     """
-    reasons = [general(explanation.words) for explanation in explained]
+    reasons = [general(cycle["words"]) for cycle in cycles]
     middle_reason = reasons[len(reasons) // 2]
     usual = max(reasons, key=lambda it: (reasons.count(it), it == middle_reason))
     rows = [row for row, reason in enumerate(reasons) if reason == usual]
-    return explained[rows[len(rows) // 2]]
+    return rows[len(rows) // 2]
 
 
 def general(reason: str) -> str:

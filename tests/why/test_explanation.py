@@ -15,7 +15,7 @@ from applr_ros1.planner.trajectory.planner import SCALES, TrajectoryPlanner
 from applr_ros1.why import diagnosis
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import answer_of
-from applr_ros1.why.diagnosis import diagnose, explain_event, usual_of
+from applr_ros1.why.diagnosis import diagnose, explain_event, usual_row
 from applr_ros1.why.events import AT_GOAL, Event
 from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
 from applr_ros1.why.limits import start_values
@@ -387,9 +387,9 @@ def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
     replay = Replay(recording, planner, history=None, cycles=cycles, left_out={})
     event = Event("swung from side to side", 0.0, 3.0, (0.0, 0.0))
 
-    explanations = explain_event(replay, event)
+    explain_event(replay, event)
 
-    assert [explanation.words for explanation in explanations] == ["0.1 m/s were wanted"] * 5
+    assert [cycle["words"] for cycle in event.cycles] == ["0.1 m/s were wanted"] * 5
     assert event.reason == "0.1 m/s were wanted"
 
 
@@ -405,8 +405,7 @@ def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
     ],
 )
 def test_the_reason_that_most_cycles_have_stands_for_an_event(words, row):
-    explained = [Explanation(0.0, (0.0, 0.0, 0.0), words=entry) for entry in words]
-    assert usual_of(explained) is explained[row]
+    assert usual_row([{"words": entry} for entry in words]) == row
 
 
 def test_a_place_beside_the_robot_is_said_in_positive_numbers():

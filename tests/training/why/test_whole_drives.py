@@ -497,7 +497,7 @@ def replayed(door):
 def diagnosed(replay, trials=None, guesses=(), **changes):
     """Return the answer for a replay with one event, at the door."""
     event = Event("stood", begin=3.0, end=9.0, place=(0.0, 0.3), reason="a reason")
-    diagnosis = Diagnosis.of(replay, [replace(event, **changes)], explained=[[]])
+    diagnosis = Diagnosis.of(replay, [replace(event, **changes)])
     return with_trials(answer_of(diagnosis, guesses), trials)
 
 

@@ -297,7 +297,7 @@ def test_of_a_moment_without_a_goal_this_is_said(sound):
     replay = replace(sound, recording=replace(sound.recording, drive=drive))
     event = Event("stood", 2.0, 3.0, (0.0, 0.0), is_asked=True)
     happened = "The robot stood from 2.0 to 3.0 s: it had no goal."
-    assert answer_of(Diagnosis.of(replay, [event], explained=[[]])).happened == happened
+    assert answer_of(Diagnosis.of(replay, [event])).happened == happened
 
 
 @needs_browser
