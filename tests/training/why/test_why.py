@@ -17,8 +17,9 @@ from applr_ros1.why.answer import answer_of
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import read_messages
 from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
+from applr_ros1.why.black_box.stops import HELD
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import Event, RobotStop
+from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
@@ -467,17 +468,28 @@ def box_bag(path, robot, drive, is_known, stop=None):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("begin", [None, 4.0, 11.0])
-def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(spoilt, folder, capsys, begin):
-    # Given: a drive that is replayed, and one of another planner that stands from 3 to 12 s, and
+@pytest.mark.parametrize(
+    ("kind", "begin", "end", "expected", "words"),
+    [
+        ("stood", 4.0, 9.0, 3.0, "stood for 9 s"),
+        ("stood", 11.0, 23.0, 18.0, "stood for 6 s"),  # It overlaps the second stop most.
+        (SAVED, 25.0, 25.0, 18.0, "stood for 6 s"),  # The first one was longer.
+        # Not the last half second counts, but all that led to it.
+        (GAVE_UP, 11.9, 11.9, 3.0, f"{GAVE_UP}: it stood for 9 s"),
+        (HELD, 2.0, 8.0, 0.0, f"which {HELD} at first, crept for 12 s"),
+    ],
+)
+def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(
+    spoilt, folder, capsys, kind, begin, end, expected, words
+):
+    # Given: a drive that is replayed, or one of another planner that stands from 3 to 12 s, and
     # from 18 to 24 s
     robot, driven = spoilt
-    stop = RobotStop("stood", 3.0, 5.0, (0.0, 0.0))
-    if begin is not None:
+    if kind != HELD:
         robot = JACKAL
         driven = drive_of(DRIVES + STANDS * 3 + DRIVES * 2 + STANDS * 2 + DRIVES)
         driven = replace(driven, planners=["TebLocalPlannerROS"], plans=None)
-        stop = RobotStop("stood", 1.0 + begin, 13.0 + begin, (0.0, 0.0))
+    stop = RobotStop(kind, 1.0 + begin, 1.0 + end, (0.0, 0.0))
     bag_path = box_bag(folder / "stop.bag", robot, driven, True, stop)
 
     # When: the box answers, and the desk, alone and in a logbook
@@ -490,10 +502,9 @@ def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(spoilt, folder, cap
     told = box_answer.message()
     for key in ("kind", "begin", "seconds", "reason", "reproduced"):
         assert logged_answer.message()[key] == told[key], key
-    if begin is None:
-        assert told["reason"].startswith("no command faster than")
-    else:
-        assert told["begin"] == pytest.approx(4.0 if begin == 4.0 else 19.0, abs=0.2)
+    assert told["begin"] == pytest.approx(1.0 + expected, abs=0.1)
+    assert words in told["sentence"]
+    assert told["reason"].startswith("no command faster than") == (kind == HELD)
 
 
 @pytest.mark.heavy

@@ -13,11 +13,10 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.description import DescribedRobot, driving
 from applr_ros1.why.black_box.stops import HELD
-from applr_ros1.why.events import GAVE_UP, SAVED, RobotStop
+from applr_ros1.why.events import SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import POOR
 from tests.support.drives import before_a_monitor, until
-from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.raw_messages import description_of, deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
@@ -189,41 +188,6 @@ def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path)
     stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
     *_, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
     assert answer.kind == "crept"
-
-
-def test_of_two_stops_the_one_that_was_found_is_answered_or_the_latest_if_somebody_saves(tmp_path):
-    # Given: a drive of another planner, whose stops last from 3 to 12 s and from 18 to 24 s
-    tree = JACKAL.parameters()
-    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
-    teb = driving(JACKAL, tree)
-    drive = drive_of(DRIVES + STANDS * 3 + DRIVES * 2 + STANDS * 2 + DRIVES)
-    drive = replace(drive, planners=["TebLocalPlannerROS"], plans=None)
-    for kind, begin, end, expected in (
-        ("stood", 4.0, 9.0, 3.0),
-        ("stood", 11.0, 23.0, 18.0),  # It overlaps the second stop most.
-        (SAVED, 25.0, 25.0, 18.0),  # The first one was longer.
-    ):
-        # When: one of the stops is found, or somebody saves
-        stop = RobotStop(kind, BEGIN_S + begin, BEGIN_S + end, (0.0, 0.0))
-        (answer,) = answers(tmp_path / f"{begin}.bag", teb, drive, stop)
-        # Then: this stop is answered
-        assert answer.kind == "stood"
-        assert answer.begin == pytest.approx(BEGIN_S + expected, abs=0.1)
-
-
-def test_the_end_of_a_goal_within_an_event_is_told_as_this_event(tmp_path):
-    # Given: a robot of another planner that stands from 3 to 12 s
-    tree = JACKAL.parameters()
-    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
-    teb = driving(JACKAL, tree)
-    drive = drive_of(DRIVES + STANDS * 3 + DRIVES)
-    drive = replace(drive, planners=["TebLocalPlannerROS"], plans=None)
-    # When: its goal is given up at the end
-    stop = RobotStop(GAVE_UP, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.0, 0.0))
-    (answer,) = answers(tmp_path / "gave_up.bag", teb, drive, stop)
-    # Then: not the last half second counts, but all that led to it
-    assert answer.kind == "stood"
-    assert answer.sentence.startswith(f"the robot {GAVE_UP}: it stood for 9 s at ")
 
 
 def test_somebody_who_asks_to_save_before_any_stop_is_told_so(spoilt, tmp_path):
