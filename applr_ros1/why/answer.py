@@ -413,7 +413,6 @@ def values_of(event: Event) -> Dict[str, Any]:
         "begin": round(event.begin, 2),
         "end": round(event.end, 2),
         "place": [round(coordinate, 3) for coordinate in event.place],
-        "lost": round(event.lost, 2),
     }
 
 

@@ -191,7 +191,7 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
     traps = list(_traps(found_events, TRAP_M * limits.scale))
     top_speed = float(limits.speed.mean())
     for trap in traps:
-        trap.lost = _lost_seconds(trap, odometry, top_speed)
+        trap.lost = round(_lost_seconds(trap, odometry, top_speed), 2)
     return traps
 
 
