@@ -13,6 +13,7 @@ import argparse
 import csv
 import sys
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, process_time
@@ -28,7 +29,7 @@ from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
 from applr_ros1.why.alternatives import guesses_of
 from applr_ros1.why.answer import answer_of
-from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.fitting import Fittable, plans_of
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
@@ -368,18 +369,21 @@ class Bench:
         columns = in_odometry.require(Fittable)
         plans = plans_of(in_odometry, columns.planned, columns.odometry, None, planner)
         drive = replace(drive, plans=plans)
-        replay = replay_of(Recording.of(drive, robot), planner)
-        if replay.cycles:
+        trials = None
+        guess: Sequence[Change] = ()
+        answer_in_words = "no command has a plan"
+        replay = None
+        # Without a cycle the planner never had a path, and the command says so.
+        with suppress(ApplrError):
+            replay = replay_of(Recording.of(drive, robot), planner)
+        if replay is not None:
+            diagnosis = diagnose(replay)
+            guesses = guesses_of(diagnosis)
             with Pool(0) as pool:
-                diagnosis = diagnose(replay)
-                guesses = guesses_of(diagnosis)
                 trials = driven_trials(diagnosis, guesses, pool)
             answer = with_trials(answer_of(diagnosis, guesses), trials)
+            guess = answer.guess
             answer_in_words = " | ".join(answer.lines[:3])
-        else:  # The planner never had a path, and the command says so.
-            trials = None
-            answer = answer_of(Diagnosis.of(replay, []))
-            answer_in_words = "no command has a plan"
         answer_time = process_time() - began
 
         # Follow the advice. Without a change to follow, the answer may still name a parameter.
@@ -391,7 +395,7 @@ class Bench:
             remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
             time_after = mean_time(remedied_robot, table_row.world)
         else:
-            named_parameters = [change.name for change in answer.guess[:1]]
+            named_parameters = [change.name for change in guess[:1]]
 
         # Judge it.
         spoilt_parameters = set(fault.names) if fault else set()

@@ -41,7 +41,7 @@ with extra(__name__):
         with_description,
     )
     from training.why.remedies import driven_trials, possible_guesses
-    from training.why.replayed import check_cycles, replay_in
+    from training.why.replayed import replay_in
     from training.why.seen_world import seen_grid, write_map
     from training.workers.pool import Pool
     from worlds.map_reader import read_map
@@ -193,7 +193,6 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
     # On stderr, so that --json prints nothing but the object
     for note in replay.drive.notes:
         print(f"{path}: {note}", file=sys.stderr)
-    check_cycles(path, replay)
     return replay
 
 

@@ -20,7 +20,7 @@ from training.why.recorded import (
     with_description,
 )
 from training.why.remedies import course_of, possible_guesses
-from training.why.replayed import check_cycles, replay_in
+from training.why.replayed import replay_in
 from training.why.whole_drives import DriveConditions
 
 
@@ -50,7 +50,6 @@ def answer_to(path: Path, options: BagAnswerOptions) -> AnsweredBag:
         replay = replay_in(path, options)
     except NotReplayedError as problem:
         return AnsweredBag(answer_of(problem.diagnosis), None)
-    check_cycles(path, replay)
     diagnosis = diagnose(replay, box=described_in(path))
     guesses = possible_guesses(diagnosis)
     placed = placed_frame(replay.recording, diagnosis.told)

@@ -34,7 +34,7 @@ from applr_ros1.why.outside import (
     seen_from_outside,
 )
 from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
-from applr_ros1.why.replay import Replay, replay_of
+from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 
 NO_STOP = "it has not stopped"  # what is said if somebody asks too early
@@ -79,7 +79,9 @@ def answers_of(messages: Sequence[RawMessage], deserialize: Deserialize) -> Iter
         return
 
     try:
-        replay = _replay(messages, drive, box)
+        planner = RerunPlanner(robot)
+        recording = recording_from(drive, box.topics, _types(messages), planner, robot)
+        replay = replay_of(recording, planner)
     except ApplrError as problem:
         if not told.is_outside:
             yield replace(outside_answer, note=str(problem))
@@ -130,17 +132,3 @@ def _drive(
 def _types(messages: Sequence[RawMessage]) -> Dict[str, str]:
     """Return {topic: type} of messages."""
     return {message.publication.topic: message.publication.type for message in messages}
-
-
-def _replay(messages: Sequence[RawMessage], drive: Drive, box: DescribedRobot) -> Replay:
-    """Return the replay of the drive in messages.
-
-    Raises:
-        ApplrError: The drive cannot be replayed.
-    """
-    planner = RerunPlanner(box.robot)
-    recording = recording_from(drive, box.topics, _types(messages), planner, box.robot)
-    replay = replay_of(recording, planner)
-    if not replay.cycles:
-        raise ApplrError("no command has a plan, a scan and odometry")
-    return replay
