@@ -15,6 +15,7 @@ from applr_ros1.why import events
 from applr_ros1.why.black_box.description import DescribedRobot, nobody_publishes
 from applr_ros1.why.events import AT_GOAL, SAVED, Event
 from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
+from applr_ros1.why.limits import control_period
 from applr_ros1.why.occupied_goal import is_goal_occupied
 from applr_ros1.why.reasons import (
     NO_PATH,
@@ -141,7 +142,7 @@ class Diagnosis:
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
-def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float) -> None:
+def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
     """Set the reason of an event that is seen from outside the planner, if there is one.
 
     It needs no replay, so that it is known for every local planner.
@@ -150,10 +151,10 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float)
         event: The event.
         drive: Its drive.
         robot: Robot that drove.
-        period: Control period of the planner [s]; 0 if it is unknown.
     """
     if event.is_outside:
         return  # The description of its bag says why.
+    period = control_period(drive, robot)
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
     if event.reason == NO_PATH and is_goal_occupied(stretch, robot):
@@ -241,7 +242,7 @@ def explain_event(replay: Replay, event: Event) -> None:
     """Set the reason and the explained cycles of an event of a replayed drive."""
     explained = _explanations(replay, event)
     event.cycles = [explanation.values() for explanation in explained]
-    give_outside_reason(event, replay.drive, replay.robot, replay.planner.period)
+    give_outside_reason(event, replay.drive, replay.robot)
     if event.is_outside or not explained:
         return
     explanation = explained[usual_row(event.cycles)]

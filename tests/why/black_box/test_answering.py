@@ -182,14 +182,6 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     assert (answer.x, answer.y) == (0.5, 0.25)
 
 
-@pytest.mark.heavy
-def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path):
-    robot, drive = spoilt
-    stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
-    *_, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
-    assert answer.kind == "crept"
-
-
 def test_somebody_who_asks_to_save_before_any_stop_is_told_so(spoilt, tmp_path):
     robot, drive = spoilt
     no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
