@@ -180,7 +180,7 @@ class Answer:
         event = self.told
         words = f"the robot {event.kind}"
         # Somebody who asks to save has said nothing of the robot.
-        if self.first_kind not in (SAVED, event.kind):
+        if self.first_kind not in ("", SAVED, event.kind):
             words = f"the robot, which {self.first_kind} at first, {event.kind}"
         if self.first_kind == GAVE_UP != event.kind:
             words = f"the robot {self.first_kind}: it {event.kind}"
