@@ -13,6 +13,7 @@ import argparse
 import csv
 import sys
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, process_time
@@ -26,7 +27,8 @@ from applr_ros1.drives.outcome import Outcome
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
-from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.answer import answer_of
+from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.fitting import Fittable, plans_of
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
@@ -36,7 +38,7 @@ from tests.support.drives import simulated
 from training.attempts.candidates import Candidate, candidates_of, with_changes
 from training.attempts.trials import RANDOM
 from training.why import __main__ as why
-from training.why.answer import Answer, lines_of, undriven_guess
+from training.why.driven import with_trials
 from training.why.recorded import recording_of
 from training.why.remedies import driven_trials, possible_guesses
 from training.workers.pool import Pool
@@ -366,29 +368,33 @@ class Bench:
         columns = in_odometry.require(Fittable)
         plans = plans_of(in_odometry, columns.planned, columns.odometry, None, planner)
         drive = replace(drive, plans=plans)
-        replay = replay_of(Recording.of(drive, robot), planner)
-        if replay.cycles:
+        trials = None
+        guess: Sequence[Change] = ()
+        answer_in_words = "no command has a plan"
+        replay = None
+        # Without a cycle the planner never had a path, and the command says so.
+        with suppress(ApplrError):
+            replay = replay_of(Recording.of(drive, robot), planner)
+        if replay is not None:
+            diagnosis = diagnose(replay)
             with Pool(0) as pool:
-                diagnosis = diagnose(replay)
                 guesses = possible_guesses(diagnosis)
-                answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
-            answer_in_words = " | ".join(lines_of(answer)[:3])
-        else:  # The planner never had a path, and the command says so.
-            answer = Answer(Diagnosis(replay, []))
-            answer_in_words = "no command has a plan"
+                trials = driven_trials(diagnosis, guesses, pool)
+            answer = with_trials(answer_of(diagnosis, guesses), trials)
+            guess = answer.guess
+            answer_in_words = " | ".join(answer.lines[:3])
         answer_time = process_time() - began
 
         # Follow the advice. Without a change to follow, the answer may still name a parameter.
         time_before = mean_time(robot, table_row.world)
         time_after = time_before
-        remedy = answer.trials.remedy if answer.trials else None
+        remedy = trials.remedy if trials else None
         if remedy is not None:
             named_parameters = remedy.candidate.names
             remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
             time_after = mean_time(remedied_robot, table_row.world)
         else:
-            guess = undriven_guess(answer)
-            named_parameters = [guess.change.name] if guess is not None else []
+            named_parameters = [change.name for change in guess[:1]]
 
         # Judge it.
         spoilt_parameters = set(fault.names) if fault else set()

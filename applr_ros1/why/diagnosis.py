@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import List, Optional, Sequence, Tuple
+import re
+from dataclasses import dataclass
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
-from applr_ros1.why.events import AT_GOAL, Event
-from applr_ros1.why.explanation import Explanation, at_goal, explain, part_of_robot
+from applr_ros1.why.black_box.description import DescribedRobot, nobody_publishes
+from applr_ros1.why.events import AT_GOAL, SAVED, Event
+from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
+from applr_ros1.why.limits import control_period
 from applr_ros1.why.occupied_goal import is_goal_occupied
 from applr_ros1.why.reasons import (
     NO_PATH,
@@ -31,7 +34,7 @@ from applr_ros1.why.replay import Replay, some
 from applr_ros1.why.stretch import Stretch, first_of
 from applr_ros1.why.touch import FirstContact, touch_of
 
-EXPLAINED = 5  # number of explained cycles of an event; the middle one stands for the event
+EXPLAINED = 5  # number of explained cycles of an event
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
 # A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
@@ -42,39 +45,79 @@ OCCUPIED = ": the goal is occupied, or right behind an obstacle"
 # Reason of a wait at the goal that no tolerance explains
 NOT_ENDED = "move_base does not end its goal, although the robot is within both tolerances"
 
+PART_SEEN = "the laser sees a part of the robot"
+NUMBER = re.compile(r"-?\d+(\.\d+)?")
+# Where an obstacle is, and which scan shows it, differs from cycle to cycle.
+OBSTACLE = re.compile(r"meets the obstacle .*")
+
 
 @dataclass
 class Diagnosis:
     """Events of a drive, and their reasons.
 
     Attributes:
-        replay: Replayed drive.
+        drive: The drive.
+        robot: Robot that drove.
+        motion: Motion in which the events are seen.
+        top_speed: Mean top speed that the planner allows [m/s].
         events: Events in order of time, with their reasons.
-        explained: Explanations of some cycles of each event.
+        asked: The event that somebody, or the black box, asks about; None for the longest one.
+        replayed: The replayed drive; None for what is seen from outside alone.
+        note: Why it is not replayed, or what else limits the diagnosis; "" if nothing does.
         part: Place (x, y) beside the robot where the laser sees a part of it, or None.
         touch: First contact, or None.
     """
 
-    replay: Replay
+    drive: Drive
+    robot: Robot
+    motion: Motion
+    top_speed: float
     events: List[Event]
-    explained: List[List[Explanation]] = field(default_factory=list)
+    asked: Optional[Event] = None
+    replayed: Optional[Replay] = None
+    note: str = ""
     part: Optional[Tuple[float, float]] = None
     touch: Optional[FirstContact] = None
 
-    @property
-    def drive(self) -> Drive:
-        """The recorded drive."""
-        return self.replay.drive
+    @classmethod
+    def of(cls, replay: Replay, found_events: List[Event], **found: Any) -> Diagnosis:
+        """Return the diagnosis of a replayed drive.
+
+        Args:
+            replay: Replayed drive.
+            found_events: Its events.
+            found: Other attributes.
+        """
+        return cls(
+            drive=replay.drive,
+            robot=replay.robot,
+            motion=replay.recording.odometry,
+            top_speed=replay.top_speed,
+            events=found_events,
+            replayed=replay,
+            **found,
+        )
 
     @property
-    def longest(self) -> Optional[Event]:
-        """Event that took most time."""
-        return events.longest(self.events)
+    def replay(self) -> Replay:
+        """The replayed drive, if there is one."""
+        assert self.replayed is not None
+        return self.replayed
+
+    @property
+    def told(self) -> Optional[Event]:
+        """Event that is told: the one that is asked about, else the one that took most time."""
+        if self.asked is not None:
+            return self.asked
+        return max(self.events, key=lambda event: event.seconds, default=None)
 
     @property
     def goal(self) -> Optional[PursuedGoal]:
-        """Goal that the robot pursued in the longest event, or its last one; None if unknown."""
-        event = self.longest
+        """Goal that the robot pursued in the event that is told, or its last one.
+
+        None if it is unknown.
+        """
+        event = self.told
         # An event may begin before the first route to its goal.
         time = 0.5 * (event.begin + event.end) if event is not None else math.inf
         return self.replay.recording.goal_at(time)
@@ -82,7 +125,7 @@ class Diagnosis:
     @property
     def wants_remedy(self) -> bool:
         """True if events took much of the drive, and it was not nearly as fast as possible."""
-        odometry = self.replay.recording.odometry
+        odometry = self.motion
         pursued_rows = np.flatnonzero(events.pursued(self.drive, odometry))
         if len(pursued_rows) < 2:
             return False
@@ -99,7 +142,7 @@ class Diagnosis:
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
-def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float) -> None:
+def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
     """Set the reason of an event that is seen from outside the planner, if there is one.
 
     It needs no replay, so that it is known for every local planner.
@@ -108,8 +151,10 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float)
         event: The event.
         drive: Its drive.
         robot: Robot that drove.
-        period: Control period of the planner [s]; 0 if it is unknown.
     """
+    if event.is_outside:
+        return  # The description of its bag says why.
+    period = control_period(drive, robot)
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
     if event.reason == NO_PATH and is_goal_occupied(stretch, robot):
@@ -121,49 +166,109 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot, period: float)
         event.reason = late(stretch)
 
 
-def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
+def diagnose(
+    replay: Replay, at: Optional[float] = None, box: Optional[DescribedRobot] = None
+) -> Diagnosis:
     """Return the diagnosis of a replayed drive.
 
     Args:
         replay: Replayed drive.
         at: Time to explain instead of the events [s].
+        box: Description of a black box's bag, or None.
     """
     # What happened
     odometry = replay.recording.odometry
     if at is None:
         found_events = events.find(replay.drive, odometry, replay.limits)
+        asked = find_stop(found_events, replay.drive, box)
         touch = touch_of(replay.recording)
     else:
-        found_events = [events.around(at, odometry, replay.limits)]
+        asked = events.around(at, odometry, replay.limits)
+        found_events = [asked]
         touch = None  # Somebody asks about another moment.
-    diagnosis = Diagnosis(replay, found_events, touch=touch)
+    diagnosis = Diagnosis.of(replay, found_events, asked=asked, touch=touch)
 
     # Why it happened
     for event in found_events:
-        diagnosis.explained.append(explain_event(replay, event))
+        explain_event(replay, event)
     if found_events:
         diagnosis.part = part_of_robot(replay)
+    if diagnosis.part is not None:
+        # Whatever else the planner or the monitor says follows from that.
+        for event in found_events:
+            event.reason = f"{PART_SEEN}, {beside(*diagnosis.part, digits=1)} of its centre"
+            event.is_outside = True
     return diagnosis
 
 
-def explain_event(replay: Replay, event: Event) -> List[Explanation]:
-    """Set the reason of an event of a replayed drive, and return explanations of its cycles."""
+def find_stop(
+    found_events: List[Event], drive: Drive, box: Optional[DescribedRobot]
+) -> Optional[Event]:
+    """Return the event that is the stop of a black box's bag.
+
+    None if the bag has no stop, or if somebody asked to save it and nothing happened.
+
+    Args:
+        found_events: Events of the drive. A stop that is none of them, as the end of a goal of a
+            robot that drives, is added.
+        drive: The drive.
+        box: Description of the bag, or None.
+    """
+    if box is None or box.stop is None:
+        return None
+    stop = box.stop
+    if stop.kind == SAVED and not found_events:
+        return None
+    begin = stop.begin - drive.recorded_at - events.AROUND_S
+    end = stop.end - drive.recorded_at
+
+    def overlap(event: Event) -> float:
+        # Somebody who asks to save asks about the latest event.
+        if stop.kind == SAVED:
+            return event.end
+        return min(event.end, end) - max(event.begin, begin)
+
+    if not any(overlap(event) > 0.0 for event in found_events):
+        found_events.append(Event(stop.kind, begin, end, stop.place))
+        found_events.sort(key=lambda event: event.begin)
+    event_of_stop = max(found_events, key=overlap)
+    # Whatever else stops a robot without its laser follows from that.
+    event_of_stop.reason = nobody_publishes(box.unpublished)
+    event_of_stop.is_outside = bool(event_of_stop.reason)
+    return event_of_stop
+
+
+def explain_event(replay: Replay, event: Event) -> None:
+    """Set the reason and the explained cycles of an event of a replayed drive."""
     explained = _explanations(replay, event)
-    give_outside_reason(event, replay.drive, replay.robot, replay.planner.period)
+    event.cycles = [explanation.values() for explanation in explained]
+    give_outside_reason(event, replay.drive, replay.robot)
     if event.is_outside or not explained:
-        return explained
-    middle_explanation = middle_of(explained)
-    if event.kind == AT_GOAL and not middle_explanation.is_blocked:
+        return
+    explanation = explained[usual_row(event.cycles)]
+    if event.kind == AT_GOAL and not explanation.is_blocked:
         cycles = replay.between(event.begin, event.end)
         event.reason = at_goal(replay.planner, cycles[-1].settings)
-    elif middle_explanation.words:
-        event.reason = middle_explanation.words
-    return explained
+    elif explanation.words:
+        event.reason = explanation.words
 
 
-def middle_of(explained: Sequence[Explanation]) -> Explanation:
-    """Return the middle one of the explained cycles of an event, which stands for the event."""
-    return explained[len(explained) // 2]
+def usual_row(cycles: Sequence[Mapping[str, Any]]) -> int:
+    """Return the row of the explained cycle that stands for an event.
+
+    It has the reason that most of the cycles have, whatever was measured in each. Of these cycles
+    it is the middle one.
+    """
+    reasons = [general(cycle["words"]) for cycle in cycles]
+    middle_reason = reasons[len(reasons) // 2]
+    usual = max(reasons, key=lambda it: (reasons.count(it), it == middle_reason))
+    rows = [row for row, reason in enumerate(reasons) if reason == usual]
+    return rows[len(rows) // 2]
+
+
+def general(reason: str) -> str:
+    """Return a reason without what was measured in one cycle or stop."""
+    return NUMBER.sub("…", OBSTACLE.sub("meets an obstacle", reason))
 
 
 def _explanations(replay: Replay, event: Event) -> List[Explanation]:

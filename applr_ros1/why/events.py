@@ -7,7 +7,7 @@ afterwards (reasons.py, diagnosis.py).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -42,6 +42,9 @@ AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
 WAS_SLOW = "was slow"
 AROUND_S = 0.5  # time around a moment that is asked about [s]
+# Kinds of stops of a black box: that somebody asked to save, and the end of a goal
+SAVED = "was asked to save"
+GAVE_UP = "gave up its goal"
 
 
 class DriveLimits(NamedTuple):
@@ -78,6 +81,8 @@ class Event:
         is_outside: Whether the reason lies outside the local planner, which could do nothing.
         is_asked: Whether it is the time around a moment that somebody asks about.
         is_arrived: Whether the robot was within both tolerances of its goal for half of it.
+        lost: Time that it cost: its duration without that of its way at top speed [s].
+        cycles: JSON values of its explained cycles, for a page.
     """
 
     kind: str
@@ -88,6 +93,8 @@ class Event:
     is_outside: bool = False
     is_asked: bool = False
     is_arrived: bool = False
+    lost: float = 0.0
+    cycles: Sequence[Dict[str, Any]] = ()
 
     @property
     def seconds(self) -> float:
@@ -97,6 +104,28 @@ class Event:
     def __str__(self) -> str:
         x, y = self.place
         return f"{self.begin:.1f} to {self.end:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"
+
+
+class RobotStop(NamedTuple):
+    """Stop that a black box found, or was asked to save.
+
+    Attributes:
+        kind: What happened, in words.
+        begin: Begin [s].
+        end: Time until which it has lasted when it was found [s].
+        place: Position (x, y) [m] in the odometry frame.
+        number: How many stops there were at this place so far; 1 for one that is to be answered.
+    """
+
+    kind: str
+    begin: float
+    end: float
+    place: Tuple[float, float]
+    number: int = 1
+
+    def __str__(self) -> str:
+        x, y = self.place
+        return f"the robot {self.kind} at ({x:.2f}, {y:.2f})"
 
 
 class Kind(NamedTuple):
@@ -159,12 +188,21 @@ def find(drive: Drive, odometry: Motion, limits: DriveLimits) -> List[Event]:
 
     found_events += _unheard(odometry, is_pursued, limits.end)
     found_events.sort(key=lambda event: event.begin)
-    return list(_traps(found_events, TRAP_M * limits.scale))
+    traps = list(_traps(found_events, TRAP_M * limits.scale))
+    top_speed = float(limits.speed.mean())
+    for trap in traps:
+        trap.lost = round(_lost_seconds(trap, odometry, top_speed), 2)
+    return traps
 
 
-def longest(found_events: Sequence[Event]) -> Optional[Event]:
-    """Return the event that took most time, or None."""
-    return max(found_events, key=lambda event: event.seconds, default=None)
+def _lost_seconds(event: Event, odometry: Motion, top_speed: float) -> float:
+    """Return the duration of an event without that of its way at top speed [s]."""
+    part = odometry.between(event.begin, event.end)
+    if len(part) < 2 or top_speed <= 0.0:
+        return event.seconds
+    # Not the length of the path: what a robot drives to and fro is lost.
+    gained_way = np.hypot(*(part.pose[-1, :2] - part.pose[0, :2]))
+    return max(event.seconds - float(gained_way) / top_speed, 0.0)
 
 
 def around(at: float, odometry: Motion, limits: DriveLimits) -> Event:

@@ -10,6 +10,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo, transform_point
+from applr_ros1.drives.drive import Motion
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.why.moment import NEAR_M, CycleMoment, MetObstacle
@@ -274,6 +275,11 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
     if scan_count <= CARRIED * len(turned_cycles):
         return None
     return most_seen_place
+
+
+def has_turned(motion: Motion) -> bool:
+    """Return whether a robot may have turned enough for part_of_robot to return a place."""
+    return bool(np.ptp(np.unwrap(motion.pose[:, 2])) >= (HEADINGS - 1) * TURNED)
 
 
 def _distinct_headings(cycles: Sequence[ReplayedCycle]) -> List[ReplayedCycle]:

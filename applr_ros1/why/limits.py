@@ -8,6 +8,8 @@ import numpy as np
 
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
+from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.policy.parameter_space import unchecked_space
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import DriveLimits
@@ -18,6 +20,8 @@ REPLAYED = tuple(map(namespace, LOCAL_PLANNERS))
 SPEEDS = ("max_vel_x", "max_vel_trans", "max_trans_vel", "max_v", "max_linear_vel")
 TURNS = ("max_vel_theta", "max_rot_vel", "max_w", "max_angular_vel")
 TOLERANCE_M = 0.25  # distance from the goal of a planner that has none of its own [m]
+# Control rate of a move_base that has none of its own [Hz]
+USUAL_RATE: float = by_name(MOVE_BASE)["controller_frequency"].default
 USUAL_TURN = 1.0  # top turn rate of a planner that has none [rad/s]
 
 
@@ -84,6 +88,17 @@ def planner_of(drive: Drive, robot: Robot) -> str:
         if planner in REPLAYED:
             return planner
     return drive.planners[0]
+
+
+def control_period(drive: Drive, robot: Robot) -> float:
+    """Return the control period of a drive [s], by the parameters of the robot's move_base.
+
+    It is 0, for unknown, if another local planner drove than the robot's: these parameters are then
+    another robot's.
+    """
+    if planner_of(drive, robot) != robot.local_planner:
+        return 0.0
+    return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
 
 
 def start_values(robot: Robot) -> Mapping[str, Any]:

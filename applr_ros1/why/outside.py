@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import List, NamedTuple
+from typing import Optional
 
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
-from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
-from applr_ros1.why.diagnosis import give_outside_reason
-from applr_ros1.why.events import DriveLimits, Event
+from applr_ros1.why.black_box.description import DescribedRobot
+from applr_ros1.why.diagnosis import Diagnosis, find_stop, give_outside_reason
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 
-# Control rate of a move_base that has none of its own [Hz]
-USUAL_RATE: float = by_name(MOVE_BASE)["controller_frequency"].default
 # Why a drive is not replayed
 OTHER_PLANNER = f"the planner's own reasons are known for {' and '.join(REPLAYED)} only"
 NO_PLAN = "without a plan there is nothing to replay"
@@ -26,36 +22,27 @@ def is_other_planner(drive: Drive, robot: Robot) -> bool:
     return planner_of(drive, robot) not in REPLAYED
 
 
-def control_period(drive: Drive, robot: Robot) -> float:
-    """Return the control period of a drive [s], by the parameters of the robot's move_base.
-
-    It is 0, for unknown, if another local planner drove than the robot's: these parameters are then
-    another robot's.
-    """
-    if planner_of(drive, robot) != robot.local_planner:
-        return 0.0
-    return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
-
-
-class OutsideView(NamedTuple):
-    """Motion of a drive, its speed limits, and its events with the reasons that need no replay."""
-
-    motion: Motion
-    limits: DriveLimits
-    events: List[Event]
-
-
-def seen_from_outside(drive: Drive, odometry: Motion, robot: Robot) -> OutsideView:
-    """Return what is known of a drive without a replay.
+def seen_from_outside(
+    drive: Drive,
+    odometry: Motion,
+    robot: Robot,
+    note: str = "",
+    box: Optional[DescribedRobot] = None,
+) -> Diagnosis:
+    """Return what is known of a drive without a replay, so that it is known of every planner.
 
     Args:
         drive: The drive.
         odometry: Its odometry.
         robot: Robot that drove.
+        note: Why it is not replayed.
+        box: Description of a black box's bag, or None.
     """
     motion = with_velocities(odometry).motion
     limits = limits_of(drive, motion, robot, start_values(robot))
     found_events = events.find(drive, motion, limits)
+    asked = find_stop(found_events, drive, box)
     for event in found_events:
-        give_outside_reason(event, drive, robot, control_period(drive, robot))
-    return OutsideView(motion, limits, found_events)
+        give_outside_reason(event, drive, robot)
+    top_speed = float(limits.speed.mean())
+    return Diagnosis(drive, robot, motion, top_speed, found_events, asked=asked, note=note)

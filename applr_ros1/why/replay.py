@@ -28,6 +28,7 @@ from typing import (
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Settings
@@ -241,6 +242,9 @@ def replay_of(
         recording: The drive.
         planner: The robot's planner, which has answered nothing yet; by default a new one.
         watch: Shows the progress of a loop, as tqdm does.
+
+    Raises:
+        ApplrError: No command has a plan, a scan and odometry.
     """
     if planner is None:
         planner = RerunPlanner(recording.robot)
@@ -291,6 +295,11 @@ def replay_of(
         is_over = may_be_cleared and clearing_times[0] <= command_time - CLEARED_S
         if cycle.is_cleared or is_over:
             clearing_times.pop(0)
+    if not cycles:
+        raise ApplrError(
+            f"{recording.drive.name}: no command has a plan, a scan and odometry: "
+            "record the drive from its beginning"
+        )
     return Replay(recording, planner, history, cycles, left_out, search.cut_short)
 
 

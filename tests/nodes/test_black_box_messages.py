@@ -17,30 +17,31 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.nodes.black_box import node as node_module
 from applr_ros1.nodes.black_box.messages import deserialize
 from applr_ros1.nodes.black_box.node import BlackBoxNode, marker_of, names_of, stop_message
+from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL
-from applr_ros1.why.black_box.answering import StopAnswer
-from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.black_box import DESCRIPTION
-from applr_ros1.why.black_box.description import DescribedRobot, text_of
+from applr_ros1.why.answer import Answer
+from applr_ros1.why.black_box.bag_file import Publication
+from applr_ros1.why.black_box.description import DescribedRobot
 from applr_ros1.why.black_box.folder import StopFolder
-from applr_ros1.why.black_box.stops import RobotStop
+from applr_ros1.why.events import Event, RobotStop
 from tests.support import HANGS, ROOT
-from tests.support.raw_messages import job_of, raw_messages
+from tests.support.raw_messages import bag_of, description_of, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
-ANSWER = StopAnswer(
-    kind="stood",
-    first_kind="stood",
-    begin=1_700_000_000.5,
-    end=1_700_000_006.5,
-    x=1.5,
-    y=-2.0,
+STOPPED = Event("stood", 0.5, 6.5, (1.5, -2.0), reason="there was no scan for 6.0 s")
+ANSWER = Answer(
+    name="stop",
+    robot="jackal",
+    length=0.5,
+    scale=1.0,
+    begin=1_700_000_000.0,
     frame="odom",
-    reason="there was no scan for 6.0 s",
-    parameter="DWAPlannerROS/sim_time",
-    before=4.0,
-    after=2.0,
-    reproduced=0.97,
+    events=[STOPPED],
+    told_row=0,
+    first_kind="stood",
+    guess=(Change("DWAPlannerROS", "sim_time", 4.0, 2.0),),
+    commands=100,
+    reproduced=97,
 )
 
 
@@ -65,11 +66,15 @@ def test_messages_are_read_by_the_definitions_that_are_installed():
 
 
 def test_an_answer_is_a_message_and_a_text_in_rviz():
-    message = stop_message(ANSWER.values())
+    message = stop_message(ANSWER.message())
     assert message.header.stamp.to_sec() == 1_700_000_000.5
     assert message.header.frame_id == "odom"
     assert (message.kind, message.seconds, message.x, message.y) == ("stood", 6.0, 1.5, -2.0)
-    assert (message.parameter, message.before, message.after) == (ANSWER.parameter, 4.0, 2.0)
+    assert (message.parameter, message.before, message.after) == (
+        "DWAPlannerROS/sim_time",
+        4.0,
+        2.0,
+    )
     assert message.reproduced == 0.97
     assert message.sentence == (
         "the robot stood for 6 s at (1.50, -2.00), because there was no scan for 6.0 s; "
@@ -248,21 +253,20 @@ PROGRAM = """
 import runpy, sys
 for package in ("torch", "gymnasium", "rosbags", "pandas", "tqdm", "ray", "training"):
     sys.modules[package] = None
-runpy.run_module("applr_ros1.nodes.black_box.answer", run_name="__main__")
+runpy.run_module("applr_ros1.nodes.black_box.answer_program", run_name="__main__")
 """
 
 
 def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk(tmp_path):
     robot, drive = spoilt_drive()
     messages = raw_messages(tmp_path / "drive.bag", drive, robot=robot)
-    text = text_of(DescribedRobot(robot, TopicNames.of(robot), True)).encode()
-    serialised = len(text).to_bytes(4, "little") + text
-    description = RawMessage(messages[0].time, DESCRIPTION, serialised)
     stop = RobotStop("crept", 3.0, 9.0, (0.5, 0.25))
+    driven = DescribedRobot(robot, TopicNames.of(robot), True)
+    description = description_of(driven, messages[0].time, stop)
 
     answered = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=job_of(stop, [description, *messages]),
+        input=bag_of([description, *messages]),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,
@@ -276,7 +280,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     # What cannot be answered ends in one line.
     refused = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=job_of(stop, messages),
+        input=bag_of(messages),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,

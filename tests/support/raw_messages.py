@@ -4,8 +4,9 @@ import io
 
 from rosbags.rosbag1 import Reader
 
-from applr_ros1.why.black_box.answer_process import write_job
-from applr_ros1.why.black_box.bag_file import Publication, RawMessage
+from applr_ros1.why.black_box.bag_file import Publication, RawMessage, write_messages
+from applr_ros1.why.black_box.black_box import DESCRIPTION
+from applr_ros1.why.black_box.description import text_of, with_stop
 from training.bags.maker import Maker
 from training.bags.write import write
 
@@ -28,18 +29,20 @@ def raw_messages(path, drive, **options):
     return messages
 
 
-class Pipe(io.BytesIO):
-    """Pipe that keeps what is written to it."""
+def bag_of(messages):
+    """Return the bag of messages, as the process that answers reads it."""
+    bag = io.BytesIO()
+    write_messages(bag, messages)
+    return bag.getvalue()
 
-    def seekable(self):
-        return False
 
-
-def job_of(stop, messages):
-    """Return what the process that answers reads."""
-    pipe = Pipe()
-    write_job(pipe, stop, messages)
-    return pipe.getvalue()
+def description_of(driven, time, stop=None):
+    """Return the message at a time [ns] with the description of a robot and a stop."""
+    text = text_of(driven)
+    if stop is not None:
+        text = with_stop(text, stop)
+    data = text.encode()
+    return RawMessage(time, DESCRIPTION, len(data).to_bytes(4, "little") + data)
 
 
 def deserialize(publication, data):

@@ -10,7 +10,7 @@ from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives
 from applr_ros1.why.alternatives import Alternative, MeanResult, guesses_of
-from applr_ros1.why.diagnosis import Diagnosis, diagnose
+from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.events import Event
 from applr_ros1.why.replay import History, Replay
 from tests.support.replays import (
@@ -62,7 +62,7 @@ def test_each_event_is_tried_from_some_early_cycles_and_a_longer_one_from_more(m
     short_event = Event("stood", 3.0, 3.45, (0.0, 0.0))  # 10 cycles
     long_event = Event("crept", 6.0, 8.45, (1.0, 0.0))  # 50 cycles
 
-    guesses_of(Diagnosis(replay, [short_event, long_event]))
+    guesses_of(SimpleNamespace(replay=replay, events=[short_event, long_event], part=None))
 
     # A sixth of the eight cycles is one, but each event has three. The first one is 2 s before it,
     # and the second one comes after a quarter of the time.

@@ -20,7 +20,7 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.why import events, reasons
 from applr_ros1.why.diagnosis import NOT_ENDED, OCCUPIED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
-from applr_ros1.why.outside import control_period
+from applr_ros1.why.limits import control_period
 from applr_ros1.why.reasons import NO_PATH
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
@@ -178,7 +178,7 @@ def test_a_wait_within_both_tolerances_is_the_goals_and_not_the_tolerances(end_m
     waits = replace(drive, plans=Plans(times, paths))
     # Then
     (event,) = found(waits, tolerance=0.25, scale=3.0)
-    give_outside_reason(event, waits, JACKAL, 0.05)
+    give_outside_reason(event, waits, JACKAL)
     assert (event.kind, event.reason, event.is_outside) == (AT_GOAL, reason, bool(reason))
 
 
@@ -435,11 +435,12 @@ def test_a_goal_in_an_obstacle_is_said_if_there_is_no_path(
     )
     event = Event("stood", 3.0, 6.0, (0.0, 0.0))
     # When
-    give_outside_reason(event, drive, replace(JACKAL, world_scale=scale), 0.05)
+    give_outside_reason(event, drive, replace(JACKAL, world_scale=scale))
     # Then
     assert event.reason == NO_PATH + (OCCUPIED if is_occupied else "")
     # Without tf, nobody knows where the laser sees the goal.
-    give_outside_reason(event, replace(drive, transforms=None), JACKAL, 0.05)
+    event = Event("stood", 3.0, 6.0, (0.0, 0.0))
+    give_outside_reason(event, replace(drive, transforms=None), JACKAL)
     assert event.reason == NO_PATH
 
 
@@ -484,7 +485,7 @@ def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
     drive = replace(stopped, odometry=replace(odometry, pose=poses), routes=no_path)
     event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-    give_outside_reason(event, drive, JACKAL, 0.05)
+    give_outside_reason(event, drive, JACKAL)
     assert event.reason == "the pose jumped by 0.8 m"
     assert event.is_outside
 
@@ -510,7 +511,7 @@ def test_causes_come_before_what_follows_from_them(stopped):
         ),
     ):
         event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-        give_outside_reason(event, replace(stopped, **columns), JACKAL, 0.05)
+        give_outside_reason(event, replace(stopped, **columns), JACKAL)
         assert event.reason == reason
 
 
@@ -751,7 +752,7 @@ def test_late_commands_are_no_reason_for_a_wait_at_the_goal(stopped):
     creeps = Event("crept", 6.0, 9.0, (3.0, 0.0))
     waits = Event(AT_GOAL, 6.0, 9.0, (3.0, 0.0))
     for event in (creeps, waits):
-        give_outside_reason(event, late, JACKAL, 0.05)
+        give_outside_reason(event, late, JACKAL)
         # The planner itself is late.
         assert not event.is_outside
     assert creeps.reason == "commands came every 0.20 s instead of every 0.05 s"

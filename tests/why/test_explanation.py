@@ -14,8 +14,8 @@ from applr_ros1.planner.sampling_planner import OBSTACLE_TERM, PATH_TERM
 from applr_ros1.planner.trajectory.planner import SCALES, TrajectoryPlanner
 from applr_ros1.why import diagnosis
 from applr_ros1.why.alternatives import guesses_of
-from applr_ros1.why.answer import what_happened
-from applr_ros1.why.diagnosis import diagnose, explain_event
+from applr_ros1.why.answer import answer_of
+from applr_ros1.why.diagnosis import diagnose, explain_event, usual_row
 from applr_ros1.why.events import AT_GOAL, Event
 from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
 from applr_ros1.why.limits import start_values
@@ -387,10 +387,25 @@ def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
     replay = Replay(recording, planner, history=None, cycles=cycles, left_out={})
     event = Event("swung from side to side", 0.0, 3.0, (0.0, 0.0))
 
-    explanations = explain_event(replay, event)
+    explain_event(replay, event)
 
-    assert [explanation.words for explanation in explanations] == ["0.1 m/s were wanted"] * 5
+    assert [cycle["words"] for cycle in event.cycles] == ["0.1 m/s were wanted"] * 5
     assert event.reason == "0.1 m/s were wanted"
+
+
+@pytest.mark.parametrize(
+    ("words", "row"),
+    [
+        # The plan leads back for a moment, in the middle of a wait before a gap.
+        (["meets the obstacle 1 m off"] * 2 + ["back"] + ["meets the obstacle 2 m off"] * 2, 3),
+        (["back", "back", "meets the obstacle 1 m off", "a", "b"], 1),
+        # As many have each of them: the middle one counts.
+        (["a", "b", "c"], 1),
+        (["a", "a", "b", "c", "c"], 1),
+    ],
+)
+def test_the_reason_that_most_cycles_have_stands_for_an_event(words, row):
+    assert usual_row([{"words": entry} for entry in words]) == row
 
 
 def test_a_place_beside_the_robot_is_said_in_positive_numbers():
@@ -400,8 +415,8 @@ def test_a_place_beside_the_robot_is_said_in_positive_numbers():
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
     diagnosed = diagnose(driven_with_post(0.5, 0.0))
-    first_line = what_happened(diagnosed)
+    first_line = answer_of(diagnosed).first_line
     position = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
-    assert re.match(rf"The laser sees a part of the robot, {position}", first_line)
+    assert re.search(rf", because the laser sees a part of the robot, {position}", first_line)
     # Nothing about the planner is guessed from scans that show the robot itself.
     assert guesses_of(diagnosed) == []

@@ -9,7 +9,7 @@ import pytest
 import worlds
 from applr_ros1 import robots
 from applr_ros1.common.angles import compose
-from applr_ros1.why.answer import headline, what_happened
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.touch import touch_of
@@ -73,6 +73,7 @@ def test_a_contact_where_nothing_moves_says_so_and_without_one_there_is_no_touch
 
 def test_the_answer_begins_with_the_touch(recording):
     touch = touch_of(recording)
-    diagnosis = Diagnosis(replayed(JACKAL, recording.drive), events=[], touch=touch)
-    assert what_happened(diagnosis).startswith(f"{touch} The robot did not stop")
-    assert headline(diagnosis).startswith(str(touch))
+    diagnosis = Diagnosis.of(replayed(JACKAL, recording.drive), [], touch=touch)
+    answer = answer_of(diagnosis)
+    assert answer.first_line.startswith(f"{touch} The robot did not stop")
+    assert answer.happened.startswith(str(touch))

@@ -20,29 +20,29 @@ from tqdm import tqdm
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import is_in_writable_folder, write_bytes
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import diagnose
-from applr_ros1.why.outside import seen_from_outside
 from applr_ros1.why.replay import Replay, Watch
 from training.common.command_line import continuable, parsed
 from training.common.options import argument, option
 
 with extra(__name__):
     from training.bags.read import METADATA, bags_in
-    from training.why.answer import Answer, lines_of, outside_lines
     from training.why.common_change import change_for
     from training.why.comparison import compared
+    from training.why.driven import with_trials
     from training.why.logbook import logbook_of
     from training.why.logbook_page import logbook_values, write_pages
     from training.why.pages import drive_page
     from training.why.recorded import (
         BagAnswerOptions,
         NotReplayedError,
+        described_in,
         with_description,
     )
     from training.why.remedies import driven_trials, possible_guesses
-    from training.why.replayed import check_cycles, replay_in
+    from training.why.replayed import replay_in
     from training.why.seen_world import seen_grid, write_map
-    from training.why.values import outside_values, values_of
     from training.workers.pool import Pool
     from worlds.map_reader import read_map
 
@@ -104,27 +104,31 @@ def run(options: WhyOptions) -> None:
             raise ApplrError(
                 f"{problem}; ask about one bag, drives are compared by replays"
             ) from None
-        _answer_from_outside(problem, options)
+        values = answer_of(problem.diagnosis).values()
+        _print(values, options)
+        _name_unused(options)
         return
     first_replay, *other_replays = replays
     if options.map:
         write_map(seen_grid(first_replay.recording), options.map)
-    if options.quick:
-        diagnosis = diagnose(first_replay, options.at)
-        answer = Answer(diagnosis, possible_guesses(diagnosis))
-    else:
+    diagnosis = diagnose(first_replay, options.at, described_in(bag_paths[0]))
+    guesses = possible_guesses(diagnosis)
+    answer = answer_of(diagnosis, guesses)
+    if not options.quick:
         with Pool(options.workers) as pool:
-            diagnosis = diagnose(first_replay, options.at)
-            guesses = possible_guesses(diagnosis)
-            answer = Answer(diagnosis, guesses, driven_trials(diagnosis, guesses, pool))
+            answer = with_trials(answer, driven_trials(diagnosis, guesses, pool))
 
-    lines = lines_of(answer)
+    values = answer.values()
     for other_replay in other_replays:
-        lines += compared(first_replay, other_replay)
-    answer_values = {**values_of(answer), "lines": lines}
-    print(json.dumps(answer_values) if options.json_ else "\n".join(lines))
+        values["lines"] += compared(first_replay, other_replay)
+    _print(values, options)
     if options.out:
-        write_bytes(options.out, drive_page(answer_values).html())
+        write_bytes(options.out, drive_page(values).html())
+
+
+def _print(values: Dict[str, Any], options: WhyOptions) -> None:
+    """Print an answer."""
+    print(json.dumps(values) if options.json_ else "\n".join(values["lines"]))
 
 
 # -- many bags -------------------------------------------------------------------------------------
@@ -159,7 +163,7 @@ def _keep_logbook(bag_paths: Sequence[Path], options: WhyOptions) -> None:
     for note in logbook.notes:
         print(note, file=sys.stderr)
     logged_values = logbook_values(logbook, change)
-    print(json.dumps(logged_values) if options.json_ else "\n".join(logged_values["lines"]))
+    _print(logged_values, options)
     if options.out:
         write_pages(Path(options.out), logged_values, logbook, change, floor_map)
 
@@ -171,15 +175,8 @@ def _bag_bar(calls: Iterable[Any], total: int, done: int) -> Iterable[Any]:
 
 
 # -- one bag ---------------------------------------------------------------------------------------
-def _answer_from_outside(problem: NotReplayedError, options: WhyOptions) -> None:
-    """Print what is known of a drive that is not replayed."""
-    drive = problem.drive
-    found_events = seen_from_outside(drive, problem.odometry, options.robot).events
-    lines = outside_lines(found_events, problem.note)
-    if options.json_:
-        print(json.dumps(outside_values(drive, found_events, lines)))
-    else:
-        print("\n".join(lines))
+def _name_unused(options: WhyOptions) -> None:
+    """Say which options are not used for a drive that is not replayed."""
     for option_name, use in (
         ("out", "a page shows"),
         ("map", "a map needs"),
@@ -196,7 +193,6 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
     # On stderr, so that --json prints nothing but the object
     for note in replay.drive.notes:
         print(f"{path}: {note}", file=sys.stderr)
-    check_cycles(path, replay)
     return replay
 
 

@@ -23,9 +23,10 @@ from training.attempts.trials import (
     course_in,
     try_out,
 )
-from training.why.answer_file import StoredArrival, key_of_drive
 from training.why.bag_answer import answer_to
-from training.why.logbook import Logbook, LoggedBag
+from training.why.driven import arrival_from, values_of_arrival
+from training.why.logbook import Logbook
+from training.why.logged_bag import LoggedBag, key_of_drive
 from training.why.recorded import BagAnswerOptions, with_description
 from training.why.remedies import CANDIDATES
 from training.workers.calls import CallFailed, CallLost
@@ -117,9 +118,9 @@ def merged(bags: Sequence[LoggedBag]) -> List[Candidate]:
     first_candidates: Dict[Tuple[Any, ...], Candidate] = {}
     for bag in bags:
         for stored in bag.answer.candidates:
-            new_values = stored.candidate.new_values
-            counts[new_values] += 1
-            first_candidates.setdefault(new_values, stored.candidate)
+            candidate = Candidate(*stored)
+            counts[candidate.new_values] += 1
+            first_candidates.setdefault(candidate.new_values, candidate)
     return [first_candidates[new_values] for new_values, _ in counts.most_common(CANDIDATES)]
 
 
@@ -145,20 +146,20 @@ class KeptCourse:
     def save(self) -> None:
         """Write the drives that were made since the last saving."""
         if self._is_changed:
-            self._bag.file.save()
+            self._bag.save()
         self._is_changed = False
         self._saved_at = monotonic()
 
     def _begin(self, changes: Sequence[Change], seed: int, to_beat: float) -> Callable[[], Arrival]:
         key = key_of_drive(changes, seed, to_beat)
-        drives = self._bag.file.drives
+        drives = self._bag.answer.drives
         if key in drives:
-            return lambda: _arrival_of(drives[key])
+            return lambda: arrival_from(drives[key])
         arrival_of = self._course_in_pool().begin(changes, seed, to_beat)
 
         def kept() -> Arrival:
             try:
-                drives[key] = StoredArrival.of(arrival_of())
+                drives[key] = values_of_arrival(arrival_of())
             except CallLost:
                 raise
             except CallFailed as refusal:
@@ -170,7 +171,7 @@ class KeptCourse:
             if monotonic() - self._saved_at > SAVED_S:
                 self.save()
             self._driven()
-            return _arrival_of(drives[key])
+            return arrival_from(drives[key])
 
         return kept
 
@@ -185,10 +186,3 @@ class KeptCourse:
         if self._bag.conditions is None:
             raise ApplrError(f"{self._bag.path}: its course is not known any more")
         return course_in(self._bag.conditions, self._pool)
-
-
-def _arrival_of(stored: Optional[StoredArrival]) -> Arrival:
-    """Return how a drive ended, or raise CallFailed if move_base refused its values."""
-    if stored is None:
-        raise CallFailed("move_base refuses the values")
-    return stored.arrival

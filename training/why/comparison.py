@@ -9,7 +9,7 @@ import numpy as np
 from applr_ros1.common.paths import distances
 from applr_ros1.why import events
 from applr_ros1.why.alternatives import CYCLES, best_changes, together
-from applr_ros1.why.answer import indented
+from applr_ros1.why.answer import under
 from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
 APART_M = 0.3  # distance from which on two drives differ [m]
@@ -35,10 +35,7 @@ def compared(first: Replay, second: Replay) -> List[str]:
 
     changes_in_words = ", ".join(map(str, changes)) or "none"
     lines = [f"{second}; {_parting(first, second)}; differing parameters: {changes_in_words}"]
-    if alternatives:
-        lines.append("Changes of the first drive to a value of the second:")
-        lines += indented(alternatives)
-    return lines
+    return lines + under("Changes of the first drive to a value of the second", alternatives)
 
 
 def _parting(first: Replay, second: Replay) -> str:

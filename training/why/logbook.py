@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.files import sha256
-from training.attempts.trials import DriveConditions
+from applr_ros1.why.answer import Answer
+from applr_ros1.why.events import Event
 from training.bags.read import BagError
-from training.why.answer_file import AnswerFile, bag_hash, key_of_answers
-from training.why.bag_answer import AnsweredBag, BagAnswer, StoredStop, answer_to
+from training.why.bag_answer import AnsweredBag, answer_to
+from training.why.logged_bag import LoggedBag, bag_hash, key_of_answers
 from training.why.recorded import BagAnswerOptions
 from training.workers.calls import CallFailed
 from training.workers.pool import Pool
@@ -24,32 +25,13 @@ OVERLAP = 0.5  # share of the shorter of two stops from which on both are one st
 # Median distance of the places of two simulated drives at the same times up to which they are one
 # [m]. Places between those of a track may differ by a centimetre.
 ONE_DRIVE_M = 0.02
-FEWEST_PLACES = 10  # number of places in both bags below which nothing is known
+SHORTEST_S = 5.0  # time in both bags below which nothing is known [s]
 CELL_M = 0.2  # edge of the cells by which odometry frames are compared [m]
 ALIKE = 0.5  # share of the cells in the part that both drives saw from which on their frames agree
 FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
 
 # Shows the progress of a loop, given its items, the number of all items and of those done before.
 ProgressBar = Callable[[Iterable[Any], int, int], Iterable[Any]]
-
-
-@dataclass
-class LoggedBag:
-    """Bag of a logbook with its answer.
-
-    Attributes:
-        path: The bag.
-        file: File with its answer.
-        answer: Its answer.
-        conditions: Conditions of simulated drives in its world, if they are known.
-        floor: Number of the frame that it shares with other bags.
-    """
-
-    path: Path
-    file: AnswerFile
-    answer: BagAnswer
-    conditions: Optional[DriveConditions] = None
-    floor: int = 0
 
 
 @dataclass(frozen=True)
@@ -62,7 +44,7 @@ class LoggedStop:
     """
 
     bag: LoggedBag
-    stop: StoredStop
+    stop: Event
 
     @property
     def begin(self) -> float:
@@ -82,25 +64,8 @@ class LoggedStop:
     @property
     def position(self) -> Tuple[float, float]:
         """Place x, y [m] in the frame of its floor."""
-        return self.stop.x, self.stop.y
-
-
-@dataclass
-class StopPlace:
-    """Place at which robots stopped.
-
-    Attributes:
-        floor: Number of the frame.
-        stops: Stops within a robot's length of the first one, which cost most time.
-    """
-
-    floor: int
-    stops: List[LoggedStop] = field(default_factory=list)
-
-    @property
-    def lost(self) -> float:
-        """Time that all stops cost [s]."""
-        return sum(logged.stop.lost for logged in self.stops)
+        ((x, y),) = self.bag.answer.placed([self.stop.place]).tolist()
+        return x, y
 
 
 @dataclass
@@ -110,19 +75,20 @@ class Logbook:
     Attributes:
         bags: Bags that were read.
         stops: Stops, the one that cost most time first.
-        places: Places, the one that cost most time first.
+        places: Stops at each place, the place that cost most time first. Those at one place are
+            within a robot's length of its first one, which cost most time.
         notes: Sentences about bags that were left out, and about what is not kept.
     """
 
     bags: List[LoggedBag]
     stops: List[LoggedStop]
-    places: List[StopPlace]
+    places: List[List[LoggedStop]]
     notes: List[str]
 
     @property
     def lost(self) -> float:
         """Time that all stops cost [s]."""
-        return sum(logged.stop.lost for logged in self.stops)
+        return lost_in(self.stops)
 
     @property
     def commands(self) -> int:
@@ -143,6 +109,11 @@ class Logbook:
         return dict(sorted(lost_by_robot.items(), key=lambda row: -row[1]))
 
 
+def lost_in(stops: Iterable[LoggedStop]) -> float:
+    """Return the time that stops cost [s]."""
+    return sum(logged.stop.lost for logged in stops)
+
+
 def logbook_of(
     bag_paths: Sequence[Path], options: BagAnswerOptions, pool: Pool, progress: ProgressBar
 ) -> Logbook:
@@ -158,15 +129,17 @@ def logbook_of(
         BagError: No bag can be read.
     """
     notes: List[str] = []
-    files = _files_of(bag_paths, options, notes)
-    bags, problems = _answered(files, options, pool, progress)
+    all_bags = _distinct_bags(bag_paths, options, notes)
+    problems = _answer(all_bags, options, pool, progress)
+    # In the order of the files, whichever was answered first
+    bags = [bag for bag in all_bags if bag.is_answered]
     if not bags:
         raise BagError(f"no bag can be read: {problems[0]}" if problems else "there are no bags")
     notes += problems
-    notes += _notes_of_files(files)
+    notes += _notes_of_files(all_bags)
     set_floors(bags)
     stops = stops_of(bags)
-    stop_count = sum(len(bag.answer.stops) for bag in bags)
+    stop_count = sum(len(bag.answer.events) for bag in bags)
     if len(stops) < stop_count:
         notes.append(f"{stop_count - len(stops)} stops are in two bags: they are counted once")
     logbook = Logbook(bags, stops, places_of(stops), notes)
@@ -188,13 +161,13 @@ def notes_of_robots(logbook: Logbook) -> List[str]:
 
 
 # -- bags ------------------------------------------------------------------------------------------
-def _files_of(
+def _distinct_bags(
     bag_paths: Sequence[Path], options: BagAnswerOptions, notes: List[str]
-) -> List[AnswerFile]:
-    """Return the files of the answers of bags, each bag once, and add notes about copies."""
+) -> List[LoggedBag]:
+    """Return bags with the answers that are kept, each bag once, and add notes about copies."""
     key = key_of_answers(options)
     first_paths: Dict[str, Path] = {}
-    files = []
+    bags = []
     for bag_path in bag_paths:
         try:
             bag_key = bag_hash(bag_path)
@@ -205,45 +178,37 @@ def _files_of(
             notes.append(f"{bag_path}: left out, the same as {first_paths[bag_key]}")
             continue
         first_paths[bag_key] = bag_path
-        files.append(AnswerFile(bag_path, sha256(key, bag_key)))
-    return files
+        bags.append(LoggedBag(bag_path, sha256(key, bag_key)))
+    return bags
 
 
-def _answered(
-    files: Sequence[AnswerFile], options: BagAnswerOptions, pool: Pool, progress: ProgressBar
-) -> Tuple[List[LoggedBag], List[str]]:
-    """Return the bags with their answers, and what is wrong with the others."""
-    conditions: Dict[Path, Optional[DriveConditions]] = {}
+def _answer(
+    bags: Sequence[LoggedBag], options: BagAnswerOptions, pool: Pool, progress: ProgressBar
+) -> List[str]:
+    """Answer to the bags that have no answer yet, and return what is wrong with the others."""
     problems: Dict[Path, str] = {}
-    file_of_bag = {file.bag_path: file for file in files}
-    unanswered = [file.bag_path for file in files if file.answer is None]
+    bag_at = {bag.path: bag for bag in bags}
+    unanswered = [bag.path for bag in bags if not bag.is_answered]
     calls = pool.unordered(partial(answer_to, options=options), unanswered)
-    for bag_path, call in progress(calls, len(files), len(files) - len(unanswered)):
+    for bag_path, call in progress(calls, len(bags), len(bags) - len(unanswered)):
         try:
             answered: AnsweredBag = call.result()
         except CallFailed as failure:
             problem = str(failure)
             problems[bag_path] = problem if str(bag_path) in problem else f"{bag_path}: {problem}"
             continue
-        conditions[bag_path] = answered.conditions
-        file_of_bag[bag_path].answer = answered.answer
-        file_of_bag[bag_path].save()
-    bags = []
-    # In the order of the files, whichever was answered first
-    for file in files:
-        if file.answer is not None:
-            bags.append(LoggedBag(file.bag_path, file, file.answer, conditions.get(file.bag_path)))
-    ordered_problems = [problems[file.bag_path] for file in files if file.bag_path in problems]
-    return bags, ordered_problems
+        bag_at[bag_path].keep(answered.answer)
+        bag_at[bag_path].conditions = answered.conditions
+    return [problems[bag.path] for bag in bags if bag.path in problems]
 
 
-def _notes_of_files(files: Sequence[AnswerFile]) -> List[str]:
+def _notes_of_files(bags: Sequence[LoggedBag]) -> List[str]:
     """Return what is to be said of the files beside the bags."""
     notes = []
-    damaged = [file for file in files if file.is_damaged]
+    damaged = [bag for bag in bags if bag.is_damaged]
     if damaged:
         notes.append(f"{len(damaged)} answers beside their bags were damaged: made again")
-    unkept = [file for file in files if file.problem]
+    unkept = [bag for bag in bags if bag.problem]
     if unkept:
         notes.append(f"answers are not kept: {unkept[0].problem}")
     return notes
@@ -257,7 +222,7 @@ def stops_of(bags: Sequence[LoggedBag]) -> List[LoggedStop]:
     """
     all_stops = []
     for bag in bags:
-        for stop in bag.answer.stops:
+        for stop in bag.answer.events:
             all_stops.append(LoggedStop(bag, stop))
     all_stops.sort(key=lambda logged: -logged.stop.lost)
     distinct_stops: List[LoggedStop] = []
@@ -288,49 +253,41 @@ def _is_one_place(stop: LoggedStop, other: LoggedStop) -> bool:
     return distance <= stop.bag.answer.length
 
 
-def _is_one_drive(answer: BagAnswer, other: BagAnswer) -> bool:
+def _is_one_drive(answer: Answer, other: Answer) -> bool:
     """Return whether two bags have the same drive, as far as both have it."""
     track = np.array(answer.track)
     other_track = np.array(other.track)
     times = answer.begin + track[:, 0]
     other_times = other.begin + other_track[:, 0]
-    in_both = (times >= other_times[0]) & (times <= other_times[-1])
-    if in_both.sum() < FEWEST_PLACES:
+    if min(times[-1], other_times[-1]) - max(times[0], other_times[0]) < SHORTEST_S:
         return False
-    other_x = np.interp(times[in_both], other_times, other_track[:, 1])
-    other_y = np.interp(times[in_both], other_times, other_track[:, 2])
-    distances = np.hypot(track[in_both, 1] - other_x, track[in_both, 2] - other_y)
-    return bool(np.median(distances) <= ONE_DRIVE_M)
+    in_both = (times >= other_times[0]) & (times <= other_times[-1])
+    x, y = answer.placed(track[in_both, 1:3]).T
+    other_x, other_y = other.placed(other_track[:, 1:3]).T
+    apart_x = x - np.interp(times[in_both], other_times, other_x)
+    apart_y = y - np.interp(times[in_both], other_times, other_y)
+    return bool(np.median(np.hypot(apart_x, apart_y)) <= ONE_DRIVE_M)
 
 
-def places_of(stops: Sequence[LoggedStop]) -> List[StopPlace]:
-    """Return the places of stops, the one that cost most time first.
+def places_of(stops: Sequence[LoggedStop]) -> List[List[LoggedStop]]:
+    """Return the stops at each place, the place that cost most time first.
 
     Stops within a robot's length of the worst one there are at one place.
 
     Args:
         stops: The stops, the worst first.
     """
-    places: List[StopPlace] = []
+    places: List[List[LoggedStop]] = []
     for logged in stops:
-        place = _place_at(places, logged)
-        if place is None:
-            place = StopPlace(logged.bag.floor)
-            places.append(place)
-        place.stops.append(logged)
-    places.sort(key=lambda place: -place.lost)
-    return places
-
-
-def _place_at(places: Sequence[StopPlace], logged: LoggedStop) -> Optional[StopPlace]:
-    """Return the first of the places at which a stop is, or None."""
-    for place in places:
-        worst_stop = place.stops[0]
-        apart = np.subtract(worst_stop.position, logged.position)
-        robot_length = logged.bag.answer.length
-        if place.floor == logged.bag.floor and np.hypot(*apart) <= robot_length:
-            return place
-    return None
+        for place in places:
+            worst_stop = place[0]
+            is_near = math.dist(worst_stop.position, logged.position) <= logged.bag.answer.length
+            if is_near and worst_stop.bag.floor == logged.bag.floor:
+                place.append(logged)
+                break
+        else:
+            places.append([logged])
+    return sorted(places, key=lost_in, reverse=True)
 
 
 # -- frames ----------------------------------------------------------------------------------------
@@ -356,11 +313,9 @@ def set_floors(bags: Sequence[LoggedBag]) -> None:
             floor_count += 1
 
 
-def _cells(answer: BagAnswer) -> np.ndarray:
+def _cells(answer: Answer) -> np.ndarray:
     """Return the cells (n, 2) in which the laser saw something."""
-    if not answer.seen:
-        return np.zeros((0, 2), int)
-    cells: np.ndarray = np.unique(np.floor(np.array(answer.seen) / CELL_M).astype(int), axis=0)
+    cells: np.ndarray = np.unique(np.floor(answer.placed(answer.map) / CELL_M).astype(int), axis=0)
     return cells
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 from urllib.parse import quote
@@ -12,9 +13,11 @@ import numpy as np
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
+from applr_ros1.why.answer import thinned, values_of
 from training.common.folders import make_folder
 from training.why.common_change import CommonChange
-from training.why.logbook import Logbook, LoggedBag, LoggedStop
+from training.why.driven import trials_values
+from training.why.logbook import Logbook, LoggedStop
 from training.why.logbook_words import (
     LostTime,
     advice,
@@ -27,11 +30,12 @@ from training.why.logbook_words import (
     lines_of,
     stop_in_words,
 )
+from training.why.logged_bag import LoggedBag
 from training.why.pages import MARKS, drive_page
-from training.why.values import trials_values
 from worlds.map_reader import is_occupied
 from worlds.world import Grid
 
+TRACK_S = 0.5  # interval between the positions of a driven path on a map [s]
 CELL_M = 0.1  # distance of the points of a map [m]
 MOST_POINTS = 40_000  # number of points of a map above which it is drawn more coarsely
 SCRIPTS = (MARKS, Path(__file__).with_name("logbook.js"))
@@ -57,8 +61,9 @@ def logbook_values(logbook: Logbook, change: Optional[CommonChange]) -> Dict[str
 
     places = []
     for place, group in zip(logbook.places, groups(by_place(logbook.places))):
-        x, y = place.stops[0].position
-        places.append({**group, "place": [x, y], "floor": place.floor})
+        x, y = place[0].position
+        floor = place[0].bag.floor
+        places.append({**group, "place": [round(x, 3), round(y, 3)], "floor": floor})
     remedies = []
     if change is not None and change.trials.remedy is not None:
         remedies.append(str(change.trials.remedy.candidate))
@@ -92,22 +97,17 @@ def _group_values(lost_time: LostTime, number_of: Dict[int, int]) -> Dict[str, A
 
 def _stop_values(logged: LoggedStop) -> Dict[str, Any]:
     """Return a stop as JSON values."""
-    stop = logged.stop
+    answer = logged.bag.answer
+    is_guessed = bool(answer.guess) and not logged.stop.is_outside
     return {
+        **values_of(replace(logged.stop, place=logged.position, cycles=())),
         "title": stop_in_words(logged),
         "bag": logged.bag.path.name,
-        "robot": logged.bag.answer.robot,
-        "kind": stop.kind,
-        "begin": stop.begin,
-        "end": stop.end,
+        "robot": answer.robot,
         "time": round(logged.begin, 2),
-        "lost": stop.lost,
-        "reason": stop.reason,
-        "is_outside": stop.is_outside,
-        "guess": "" if stop.is_outside else logged.bag.answer.guess,
-        "frame": logged.bag.answer.frame,
+        "guess": str(answer.guess[0]) if is_guessed else "",
+        "frame": answer.frame,
         "floor": logged.bag.floor,
-        "place": [stop.x, stop.y],
     }
 
 
@@ -146,7 +146,7 @@ def write_pages(
     addresses: Dict[int, str] = {}
     taken_names = set()
     for bag in logbook.bags:
-        if not bag.answer.has_page:
+        if not bag.answer.is_replayed:
             continue
         # Bags of several folders may have one name.
         page_name = bag.path.name
@@ -174,7 +174,7 @@ def write_pages(
 
 def _drive_values(bag: LoggedBag, change: Optional[CommonChange]) -> Dict[str, Any]:
     """Return the values of the page of one drive, with what was driven in its world."""
-    values = {**bag.answer.values, "lines": bag.answer.values["answer"]}
+    values = bag.answer.values()
     if change is None or bag not in change.bags:
         return values
     trials = change.trials.on_course(change.bags.index(bag))
@@ -186,7 +186,7 @@ def _link_to(logged: LoggedStop, addresses: Dict[int, str]) -> str:
     address = addresses.get(id(logged.bag))
     if address is None:
         return ""
-    number = 1 + logged.bag.answer.stops.index(logged.stop)
+    number = 1 + logged.bag.answer.events.index(logged.stop)
     return f"{address}#{number}"
 
 
@@ -204,7 +204,8 @@ def floors_of(logbook: Logbook, floor_map: Optional[Grid]) -> List[Dict[str, Any
         points, cell_m = _thinned(points, smallest_cell)
         tracks = []
         for bag in bags:
-            tracks.append([row[1:] for row in bag.answer.track])
+            track = np.array(thinned(np.array(bag.answer.track), TRACK_S))
+            tracks.append(bag.answer.placed(track[:, 1:3]).round(2).tolist())
         floors.append(
             {
                 "frame": bags[0].answer.frame,
@@ -219,8 +220,7 @@ def floors_of(logbook: Logbook, floor_map: Optional[Grid]) -> List[Dict[str, Any
 
 def _seen_points(bags: Sequence[LoggedBag]) -> np.ndarray:
     """Return points (n, 2) [m] that the laser saw in some drives."""
-    seen_points = [point for bag in bags for point in bag.answer.seen]
-    return np.array(seen_points, float).reshape(-1, 2)
+    return np.concatenate([bag.answer.placed(bag.answer.map) for bag in bags])
 
 
 def _map_points(floor_map: Grid) -> np.ndarray:

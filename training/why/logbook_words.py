@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
+from dataclasses import replace
 from datetime import datetime
 from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
 
 from typing_extensions import override
 
-from applr_ros1.common.angles import inverse, transform_point
-from applr_ros1.why.answer import indented, sentence
-from applr_ros1.why.events import Event
-from training.attempts.trials import SAME_PLACE_M
+from applr_ros1.why.answer import indented, sentence, under
+from applr_ros1.why.diagnosis import general
 from training.common.words import counted
-from training.why.answer import driven_rows, stops_near
 from training.why.common_change import CommonChange
-from training.why.logbook import Logbook, LoggedStop, StopPlace
+from training.why.driven import driven_rows, stops_near
+from training.why.logbook import Logbook, LoggedStop, lost_in
 
 WORST = 10  # number of stops in a list of the worst ones
 LISTED = 8  # number of reasons, and of places, that are listed
 UNKNOWN = "the reason is not known"
 OUTSIDE = "outside the planner"
 NO_GUESS = "no guess"
-NUMBER = re.compile(r"-?\d+(\.\d+)?")
-# Where an obstacle is, and which scan shows it, differs from stop to stop.
-OBSTACLE = re.compile(r"meets the obstacle .*")
 
 
 class LostTime(NamedTuple):
@@ -42,7 +37,7 @@ class LostTime(NamedTuple):
     @property
     def lost(self) -> float:
         """Time that they cost [s]."""
-        return sum(logged.stop.lost for logged in self.stops)
+        return lost_in(self.stops)
 
     @override
     def __str__(self) -> str:
@@ -53,7 +48,7 @@ class LostTime(NamedTuple):
 def by_reason(stops: Sequence[LoggedStop]) -> List[LostTime]:
     """Return stops by reason, whatever was measured in each of them."""
     groups = []
-    for group in _grouped(stops, lambda logged: general(logged.stop.reason)):
+    for group in _grouped(stops, lambda logged: general(logged.stop.reason) or UNKNOWN):
         # Where all have the same reason, its numbers say more.
         reasons = {logged.stop.reason or UNKNOWN for logged in group.stops}
         groups.append(group._replace(words=reasons.pop()) if len(reasons) == 1 else group)
@@ -71,9 +66,9 @@ def by_day(stops: Sequence[LoggedStop]) -> List[LostTime]:
     return sorted(_grouped(dated_stops, day_of), key=lambda group: group.words)
 
 
-def by_place(places: Sequence[StopPlace]) -> List[LostTime]:
+def by_place(places: Sequence[List[LoggedStop]]) -> List[LostTime]:
     """Return the stops at each place."""
-    return [LostTime(place_in_words(place), place.stops) for place in places]
+    return [LostTime(place_in_words(place[0]), place) for place in places]
 
 
 def _grouped(stops: Sequence[LoggedStop], words_of: Callable[[LoggedStop], str]) -> List[LostTime]:
@@ -85,18 +80,12 @@ def _grouped(stops: Sequence[LoggedStop], words_of: Callable[[LoggedStop], str])
     return sorted(lost_times, key=lambda group: -group.lost)
 
 
-def general(reason: str) -> str:
-    """Return a reason without what was measured in one stop."""
-    if not reason:
-        return UNKNOWN
-    return NUMBER.sub("…", OBSTACLE.sub("meets an obstacle", reason))
-
-
 def parameter_of(logged: LoggedStop) -> str:
     """Return the parameter that the replay's best guess changes, or why there is none."""
     if logged.stop.is_outside:
         return OUTSIDE
-    return logged.bag.answer.parameter or NO_GUESS
+    guess = logged.bag.answer.guess
+    return guess[0].path if guess else NO_GUESS
 
 
 def day_of(logged: LoggedStop) -> str:
@@ -195,18 +184,12 @@ def how_sure(logbook: Logbook, change: Optional[CommonChange]) -> str:
 
 def _stops_there(change: CommonChange, number: int) -> bool:
     """Return whether the simulated robot stops where the recorded one did."""
-    answer = change.bags[number].answer
-    longest_stop = max(answer.stops, key=lambda stop: stop.end - stop.begin)
-    # Simulated drives are in the frame of the recorded one.
-    place = transform_point(inverse(answer.origin), longest_stop.x, longest_stop.y)
-    event = Event(longest_stop.kind, longest_stop.begin, longest_stop.end, place)
     recorded = change.trials.on_course(number).recorded
-    return stops_near(recorded, event, SAME_PLACE_M * answer.scale)
+    return stops_near(recorded, change.bags[number].answer)
 
 
-def place_in_words(place: StopPlace) -> str:
+def place_in_words(worst_stop: LoggedStop) -> str:
     """Return where a place is."""
-    worst_stop = place.stops[0]
     answer = worst_stop.bag.answer
     x, y = worst_stop.position
     words = f"({x:.2f}, {y:.2f}) in {answer.frame}"
@@ -215,9 +198,8 @@ def place_in_words(place: StopPlace) -> str:
 
 def stop_in_words(logged: LoggedStop) -> str:
     """Return a stop with its bag."""
-    stop = logged.stop
-    event = Event(stop.kind, stop.begin, stop.end, (stop.x, stop.y), stop.reason)
-    return f"{stop.lost:.0f} s: {logged.bag.path.name}, {sentence(event)}"
+    event = replace(logged.stop, place=logged.position)
+    return f"{event.lost:.0f} s: {logged.bag.path.name}, {sentence(event)}"
 
 
 # -- terminal --------------------------------------------------------------------------------------
@@ -230,8 +212,7 @@ def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
     lines += _listed("By parameter of the replay's best guess", by_parameter(logbook.stops))
     lines += _listed("By place", by_place(logbook.places))
     lines += _listed("By day", by_day(logbook.stops))
-    lines.append("The worst stops:")
-    lines += indented(map(stop_in_words, logbook.stops[:WORST]))
+    lines += under("The worst stops", map(stop_in_words, logbook.stops[:WORST]))
     if change is not None:
         lines += driven_rows(change.trials)
     return lines
@@ -239,9 +220,7 @@ def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
 
 def _listed(title: str, groups: Sequence[LostTime]) -> List[str]:
     """Return a heading and the first of some groups; nothing without groups."""
-    if not groups:
-        return []
-    rows = [f"{title}:", *indented(groups[:LISTED])]
+    rows = under(title, groups[:LISTED])
     rest = groups[LISTED:]
     if rest:
         lost = sum(group.lost for group in rest)

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, TypeVar
+from typing import Any, Dict, Optional, TypeVar
 
-from applr_ros1.drives.drive import Drive, Motion
+from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.names import missing, names_in
-from applr_ros1.why.black_box.description import TOPIC, described_by
-from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER, is_other_planner
+from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
+from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.outside import (
+    NO_PLAN,
+    OTHER_PLANNER,
+    is_other_planner,
+    seen_from_outside,
+)
 from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
@@ -35,19 +41,18 @@ SomeOptions = TypeVar("SomeOptions", bound=RecordedOptions)
 
 
 class NotReplayedError(BagError):
-    """Error of a bag of which only what is seen from outside is known.
+    """Error of a bag of which only what is seen from outside is known: its diagnosis."""
 
-    Attributes:
-        drive: The drive.
-        odometry: Its odometry.
-        note: Why it is not replayed.
-    """
+    def __init__(self, path: Path, diagnosis: Diagnosis):
+        super().__init__(f"{path}: {diagnosis.note}")
+        self.diagnosis = diagnosis
 
-    def __init__(self, path: Path, drive: Drive, odometry: Motion, note: str):
-        super().__init__(f"{path}: {note}")
-        self.drive = drive
-        self.odometry = odometry
-        self.note = note
+
+def described_in(path: Path) -> Optional[DescribedRobot]:
+    """Return what the black box describes in its bag; None in other bags."""
+    with opened(path) as bag:
+        text = bag.text_on(TOPIC)
+        return described_by(text, path.name) if text is not None else None
 
 
 def with_description(path: Path, options: SomeOptions) -> SomeOptions:
@@ -55,11 +60,9 @@ def with_description(path: Path, options: SomeOptions) -> SomeOptions:
 
     What a person gave stays. Of a robot whose body nobody knows, nothing is driven in simulation.
     """
-    with opened(path) as bag:
-        text = bag.text_on(TOPIC)
-        if text is None:
-            return options
-        described = described_by(text, path.name)
+    described = described_in(path)
+    if described is None:
+        return options
     found = {"robot": described.robot, **vars(described.topics)}
     update: Dict[str, Any] = {}
     for option_name, value in found.items():
@@ -108,7 +111,8 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
     if drive.odometry is None:
         problem = missing("odometry", names, types)
         raise BagError(f"{path}: {note}; what else happened is seen in the odometry: {problem}")
-    raise NotReplayedError(path, drive, drive.odometry, note)
+    box = described_in(path)
+    raise NotReplayedError(path, seen_from_outside(drive, drive.odometry, robot, note, box))
 
 
 def has_plan(drive: Drive) -> bool:

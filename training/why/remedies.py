@@ -66,7 +66,7 @@ def course_of(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional[
     """
     replay = diagnosis.replay
     drive = replay.drive
-    longest_event = diagnosis.longest
+    longest_event = diagnosis.told
     goal = diagnosis.goal
     if longest_event is None or goal is None or not diagnosis.wants_remedy:
         return None
@@ -130,10 +130,10 @@ def recorded_changes(robot: Robot, settings: Settings) -> List[Change]:
 def possible_guesses(diagnosis: Diagnosis) -> List[Alternative]:
     """Return alternatives among the candidates, those with which the planner drives on fastest."""
     replay = diagnosis.replay
-    if diagnosis.longest is None:
+    if diagnosis.told is None:
         return []
     policy_decides = decides(replay.recording)
-    robot = _recorded_robot(replay, diagnosis.longest, policy_decides)
+    robot = _recorded_robot(replay, diagnosis.told, policy_decides)
     # The replay runs the local planner alone, with what it reads after its start.
     live_values = replay.settings.only(replay.planner.tunable_servers)
     attempts = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
@@ -17,7 +16,7 @@ ENOUGH = 0.98  # share of reproduced cycles from which on nothing else is assume
 
 
 def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Replay:
-    """Return the replay of the drive in a bag. It may have no cycles (check_cycles).
+    """Return the replay of the drive in a bag.
 
     Args:
         path: The bag.
@@ -26,21 +25,12 @@ def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Repl
 
     Raises:
         NotReplayedError: Only what is seen from outside is known.
-        ApplrError: The bag cannot be read.
+        ApplrError: The bag cannot be read, or no command can be replayed.
     """
     # A robot whose files are wrong is reported before a long bag is read.
     planner = RerunPlanner(options.robot)
     replay = replay_of(recording_of(path, options, planner), planner, watch)
-    return with_likely_robot(replay, watch) if replay.cycles else replay
-
-
-def check_cycles(path: Path, replay: Replay) -> None:
-    """Raise ApplrError if no command of a bag was replayed."""
-    if not replay.cycles:
-        raise ApplrError(
-            f"{path}: no command has a plan, a scan and odometry: "
-            "record the drive from its beginning"
-        )
+    return with_likely_robot(replay, watch)
 
 
 def with_likely_robot(replay: Replay, watch: Watch = iter) -> Replay:

@@ -1,5 +1,5 @@
 // Page of ./applr why: the answer, the whole drive, one of its events, and what was tried. D is
-// values_of() of answer.py.
+// Answer.values() of answer.py.
 const PLAN_DASH = [6, 5]; // dashes of a plan [px]
 const AROUND_M = 2.5; // half of the side of the map of a moment
 // Words of the command with the arrows of the page.

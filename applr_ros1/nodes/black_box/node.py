@@ -71,7 +71,7 @@ TEXT_M = 0.15  # height of the letters in RViz [m]
 M_ARENA_MAX = -8  # option of glibc's mallopt (malloc.h): largest number of arenas
 M_MMAP_THRESHOLD = -3  # option of mallopt: size from which on what is freed leaves the process
 LARGE_BYTES = 1_000_000  # this size [bytes]
-ANSWER = [sys.executable, "-m", "applr_ros1.nodes.black_box.answer"]
+ANSWER = [sys.executable, "-m", "applr_ros1.nodes.black_box.answer_program"]
 
 
 class BlackBoxNode:
@@ -287,13 +287,10 @@ def _unpacked(raw: RawMessage, source: TopicSource) -> Any:
 
 
 def stop_message(answer: Dict[str, Any]) -> StopMessage:
-    """Return applr_ros1/Stop of an answer's JSON values."""
-    header = Header(0, rospy.Time.from_sec(answer["begin"]), answer["frame"])
-    message = StopMessage(header=header, seconds=answer["end"] - answer["begin"])
-    for name in StopMessage.__slots__:
-        if name in answer:
-            setattr(message, name, answer[name])
-    return message
+    """Return applr_ros1/Stop of the JSON values of an answer's message."""
+    fields = dict(answer)
+    stamp = rospy.Time.from_sec(fields.pop("begin"))
+    return StopMessage(header=Header(0, stamp, fields.pop("frame")), **fields)
 
 
 def marker_of(message: StopMessage) -> Marker:

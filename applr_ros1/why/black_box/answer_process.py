@@ -11,10 +11,9 @@ import threading
 import time
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from typing import Any, BinaryIO, Dict, Iterable, Optional, Sequence
+from typing import Any, Dict, Iterable, Optional, Sequence
 
 from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
-from applr_ros1.why.black_box.stops import RobotStop
 
 NICE = "10"  # priority of the process, far behind the control loop
 LONGEST_S = 60.0  # time after which a process that has not ended is killed [s]
@@ -26,7 +25,7 @@ class AnswerProcess:
     """Starts the process for a stop, and ends it if the next stop comes.
 
     Args:
-        command: Command that reads a stop and a bag, and prints answers (write_job).
+        command: Command that reads a bag, and prints answers.
     """
 
     def __init__(self, command: Sequence[str]):
@@ -38,12 +37,11 @@ class AnswerProcess:
         """True while the process answers."""
         return self._job is not None and self._job.process.poll() is None
 
-    def ask(self, stop: RobotStop, messages: Iterable[RawMessage]) -> bool:
+    def ask(self, messages: Iterable[RawMessage]) -> bool:
         """Start the process for a stop.
 
         Args:
-            stop: The stop.
-            messages: Messages around it, which are taken while they are sent.
+            messages: Messages around it, with its description, which are taken while they are sent.
 
         Returns:
             Whether the answer to the stop before is dropped for this one.
@@ -52,7 +50,7 @@ class AnswerProcess:
         self.end()
         process = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self._job = _Job(process)
-        sender = threading.Thread(target=_send, args=[process, stop, messages], daemon=True)
+        sender = threading.Thread(target=_send, args=[process, messages], daemon=True)
         sender.start()
         return is_dropped
 
@@ -111,24 +109,10 @@ class _Job:
         self.begin_time = time.monotonic()
 
 
-def write_job(pipe: BinaryIO, stop: RobotStop, messages: Iterable[RawMessage]) -> None:
-    """Write what the process reads to a pipe: a line with the stop, and a bag."""
-    pipe.write(json.dumps(stop).encode() + b"\n")
-    write_messages(pipe, messages)
-
-
-def stop_of(line: bytes) -> RobotStop:
-    """Return the stop in the first line of a job."""
-    kind, begin, end, (x, y), number = json.loads(line)
-    return RobotStop(kind, begin, end, (x, y), number)
-
-
-def _send(
-    process: subprocess.Popen[bytes], stop: RobotStop, messages: Iterable[RawMessage]
-) -> None:
+def _send(process: subprocess.Popen[bytes], messages: Iterable[RawMessage]) -> None:
     pipe: Any = process.stdin
     with suppress(OSError), pipe:  # The process was ended for the next stop.
-        write_job(pipe, stop, messages)
+        write_messages(pipe, messages)
 
 
 def _listen(process: subprocess.Popen[bytes], answers: SimpleQueue[Dict[str, Any]]) -> None:

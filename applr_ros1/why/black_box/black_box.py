@@ -17,10 +17,17 @@ from applr_ros1.drives.columns import SECOND
 from applr_ros1.drives.received import Received, TopicSource
 from applr_ros1.why.black_box.answer_process import AnswerProcess
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage
-from applr_ros1.why.black_box.description import TOPIC, TYPE, DescribedRobot, text_of
+from applr_ros1.why.black_box.description import (
+    TOPIC,
+    TYPE,
+    DescribedRobot,
+    text_of,
+    with_stop,
+)
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.black_box.ring import HOLDING, Ring, RouteFilter
-from applr_ros1.why.black_box.stops import SAVED, RobotStop, StopDetector
+from applr_ros1.why.black_box.stops import StopDetector
+from applr_ros1.why.events import SAVED, RobotStop
 
 AFTER_S = 10.0  # time after a stop that its bag has, too [s]
 JUMP_NS = SECOND // 2  # step back of the time of messages from which on the clock was set back [ns]
@@ -135,7 +142,7 @@ class BlackBox:
         """Keep what the pending bags have so far, and forget the rest: the clock jumped back."""
         for bag in chain(self._pending, self._asked):
             if bag.messages is None:
-                bag.messages = self._messages()
+                bag.messages = self._messages(bag.stop)
         self._latest_times.clear()
         self._ring.start_anew()
         self._detector.forget()
@@ -181,7 +188,7 @@ class BlackBox:
             stop = self._detector.stop(now)
             if stop is not None and stop.number > 1:
                 again = f"again, as at {self._clock_time} ({stop.number} times)"
-                output.lines.append(f"{_in_words(stop)} {again}")
+                output.lines.append(f"{stop} {again}")
             elif stop is not None:
                 bag = PendingBag(stop, self._moment())
                 self._clock_time = bag.moment.rpartition("_")[2].replace("-", ":")
@@ -205,10 +212,10 @@ class BlackBox:
 
     def _ask(self, stop: RobotStop, output: BoxOutput) -> None:
         """Ask why the robot stopped."""
-        output.lines.append(_in_words(stop))
+        output.lines.append(str(stop))
         begin = round((stop.begin - LEAD_S) * SECOND)
         try:
-            is_dropped = self._process.ask(stop, self._messages(begin))
+            is_dropped = self._process.ask(self._messages(stop, begin))
         except OSError as problem:
             output.problems.append(f"no answer: the process cannot start ({reason(problem)})")
             return
@@ -219,7 +226,7 @@ class BlackBox:
         """Write the bag of a stop."""
         messages = bag.messages
         if messages is None:
-            messages = self._messages()
+            messages = self._messages(bag.stop)
         first_message = next(messages, None)
         try:
             if first_message is None:
@@ -234,15 +241,9 @@ class BlackBox:
         self.problem = ""
         output.lines.append(f"wrote {path}")
 
-    def _messages(self, begin: int = 0) -> Iterator[RawMessage]:
-        """Return the messages since `begin` [ns], the description of the robot first."""
-        return _described(self._text, self._ring.messages(begin))
-
-
-def _in_words(stop: RobotStop) -> str:
-    """Return what the robot did, and where."""
-    x, y = stop.place
-    return f"the robot {stop.kind} at ({x:.2f}, {y:.2f})"
+    def _messages(self, stop: RobotStop, begin: int = 0) -> Iterator[RawMessage]:
+        """Return the messages since `begin` [ns], the description of robot and stop first."""
+        return _described(with_stop(self._text, stop), self._ring.messages(begin))
 
 
 def _described(text: str, messages: Iterator[RawMessage]) -> Iterator[RawMessage]:

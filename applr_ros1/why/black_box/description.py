@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any, Dict, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import reading
@@ -19,6 +19,7 @@ from applr_ros1.planner.parameters.costmap_parameters import COSTMAP
 from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from applr_ros1.robots.folder import content_of, described
 from applr_ros1.robots.robot import MoveBaseSetup
+from applr_ros1.why.events import RobotStop
 
 TOPIC = "/black_box/parameters"
 TYPE = "std_msgs/String"
@@ -34,12 +35,14 @@ class DescribedRobot(NamedTuple):
         is_known: Whether somebody described it. If not, its body and base are those of the Jackal,
             and only the parameters of move_base are its own.
         unpublished: Topics of its laser and odometry that nobody publishes.
+        stop: Stop for which the bag is kept, or None.
     """
 
     robot: Robot
     topics: TopicNames
     is_known: bool
     unpublished: Tuple[str, ...] = ()
+    stop: Optional[RobotStop] = None
 
 
 def nobody_publishes(topics: Sequence[str]) -> str:
@@ -48,7 +51,7 @@ def nobody_publishes(topics: Sequence[str]) -> str:
 
 
 def text_of(driven: DescribedRobot) -> str:
-    """Return the description as a text."""
+    """Return the description as a text, without a stop."""
     content = {
         "name": driven.robot.name,
         "is_known": driven.is_known,
@@ -58,6 +61,11 @@ def text_of(driven: DescribedRobot) -> str:
     }
     # Whatever is no plain value on the parameter server is nothing that the planner reads.
     return json.dumps(content, default=str)
+
+
+def with_stop(text: str, stop: RobotStop) -> str:
+    """Return a description with a stop."""
+    return json.dumps({**json.loads(text), "stop": stop})
 
 
 def described_by(text: str, bag_name: str) -> DescribedRobot:
@@ -82,7 +90,12 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
             robot = replace(robot, folder=load(robot.name).folder)
         names = TopicNames(**known_topics)
         silent_topics = tuple(map(str, content.get("unpublished", ())))
-        return DescribedRobot(robot, names, bool(content["is_known"]), silent_topics)
+        stop: Optional[RobotStop] = None
+        # Bags of earlier versions have none.
+        if "stop" in content:
+            kind, begin, end, place, number = content["stop"]
+            stop = RobotStop(kind, begin, end, tuple(place), number)
+        return DescribedRobot(robot, names, bool(content["is_known"]), silent_topics, stop)
     except (KeyError, TypeError, AttributeError):
         problem = f"{TOPIC} does not describe a robot"
         raise ApplrError(f"{bag_name}: {problem}: give the robot as --robot") from None

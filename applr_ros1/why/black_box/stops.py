@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Deque, Dict, List, NamedTuple, Optional, Tuple
+from typing import Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from applr_ros1.drives.received import Received
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
 from applr_ros1.why.black_box.ring import HOLDING
+from applr_ros1.why.events import GAVE_UP, SAVED, RobotStop
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import limits_of, start_values
 
@@ -31,27 +32,7 @@ STATUS_S = 1.0  # longest time between two statuses of move_base [s]
 # application repeats its goal
 AGAIN_S = 120.0
 PAUSE_S = 1.0  # time after a stop in which another one belongs to it [s]
-GAVE_UP = "gave up its goal"
 HELD = "was held by the collision monitor"
-SAVED = "was asked to save"
-
-
-class RobotStop(NamedTuple):
-    """Stop of the robot.
-
-    Attributes:
-        kind: What happened, in words.
-        begin: Begin [s].
-        end: Time until which it has lasted when it was found [s].
-        place: Position (x, y) [m] in the odometry frame.
-        number: How many stops there were at this place so far; 1 for one that is to be answered.
-    """
-
-    kind: str
-    begin: float
-    end: float
-    place: Tuple[float, float]
-    number: int = 1
 
 
 class StopDetector:

@@ -18,15 +18,16 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.replay import replay_of
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from training.attempts import trials as whole_drives
-from training.why import answer, remedies
-from training.why.answer import Answer
+from training.why import remedies
 from training.why.deciding import decides
+from training.why.driven import with_trials
 from training.why.remedies import candidates, driven_trials, possible_guesses
 from training.workers.pool import Pool
 from worlds import Course, World
@@ -109,7 +110,7 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
 
     monkeypatch.setattr(remedies, "guesses_of", guesses_of)
     event = Event("crept", 1.0, 12.0, (0.0, 0.3))
-    possible_guesses(Diagnosis(recorded, [event]))
+    possible_guesses(Diagnosis.of(recorded, [event]))
 
     tried_names = set()
     for candidate in candidates(JACKAL, live, decides(recorded.recording)):
@@ -120,7 +121,7 @@ def test_what_the_policy_sets_is_neither_tried_nor_guessed(recorded, monkeypatch
     # Without the policy, all of them are tried.
     undriven = replace(recorded.drive, decisions=[])
     other_replay = replace(recorded, recording=replace(recorded.recording, drive=undriven))
-    possible_guesses(Diagnosis(other_replay, [event]))
+    possible_guesses(Diagnosis.of(other_replay, [event]))
     with_policy, without_policy = ranked
     assert without_policy - with_policy >= {"sim_time", "inflation_radius"}
     assert "acc_lim_theta" in with_policy
@@ -146,7 +147,7 @@ def test_a_dead_end_that_the_policy_entered_unseen_is_left_out_with_the_range_it
         "obstacle_range 2.5 -> 5, raytrace_range 3 -> 5.5 in both costmaps"
     )
     assert trials.remedy.seconds < 0.6 * trials.recorded.seconds
-    certainty = answer.how_sure(Answer(diagnosis, [], trials))
+    certainty = with_trials(answer_of(diagnosis), trials).sure
     assert certainty.endswith(
         "simulated with its policy, which made the recorded decisions, the robot stops there, too."
     )

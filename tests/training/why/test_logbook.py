@@ -16,6 +16,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Commands, Drive, Plans, Transforms
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives, factors
+from applr_ros1.why.answer import Answer
+from applr_ros1.why.events import Event
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import until
 from tests.support.pages import data_of
@@ -26,10 +28,10 @@ from training.attempts.trials import Arrival, DrivenCourse, try_out
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import common_change, logbook, logbook_page
-from training.why.answer_file import AnswerFile, StoredArrival, bag_hash
-from training.why.bag_answer import BagAnswer, StoredCandidate, StoredStop, placed_frame
+from training.why.bag_answer import placed_frame
 from training.why.common_change import CommonChange, change_for, merged, worst_bags
-from training.why.logbook import Logbook, LoggedBag, places_of, stops_of
+from training.why.driven import arrival_from, values_of_arrival
+from training.why.logbook import Logbook, lost_in, places_of, stops_of
 from training.why.logbook_words import (
     advice,
     by_day,
@@ -39,6 +41,7 @@ from training.why.logbook_words import (
     lines_of,
     place_in_words,
 )
+from training.why.logged_bag import KEPT, LoggedBag, bag_hash
 from training.why.recorded import BagAnswerOptions
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
@@ -115,21 +118,21 @@ def test_what_a_change_saves_in_the_world_of_one_stop_is_said_of_the_whole_drive
 
 # -- stops and places
 def stop_at(x, y=0.0, lost=10.0, begin=1.0, end=11.0, reason="the plan leads back", outside=False):
-    return StoredStop(
-        kind="stood", begin=begin, end=end, x=x, y=y, reason=reason, is_outside=outside, lost=lost
-    )
+    return Event("stood", begin, end, (x, y), reason=reason, is_outside=outside, lost=lost)
 
 
 def answer_with(*stops, robot="jackal", begin=0.0, **fields):
     values = {"robot": robot, "length": 0.5, "scale": 1.0, "begin": begin, "frame": "odom"}
-    values.update(is_shared=False, origin=(0.0, 0.0, 0.0), track=[[0.0, 0.0, 0.0]], values={})
-    return BagAnswer(**{**values, **fields}, stops=list(stops))
+    values.update(name="drive", track=[[0.0, 0.0, 0.0, 0.0]], told_row=len(stops) - 1)
+    return Answer(**{**values, **fields}, events=list(stops))
 
 
 def logged_bag(*stops, name="a.bag", floor=0, **fields):
-    answer = answer_with(*stops, **fields)
-    kept = SimpleNamespace(drives={}, save=lambda: None)
-    return LoggedBag(Path(name), kept, answer, floor=floor)
+    bag = LoggedBag(Path(name), "key")
+    bag.problem = "a test keeps nothing"
+    bag.keep(answer_with(*stops, **fields))
+    bag.floor = floor
+    return bag
 
 
 def book_of(*bags):
@@ -141,12 +144,12 @@ def test_stops_within_a_robots_length_in_one_frame_are_one_place():
     here = logged_bag(stop_at(0.0, lost=9.0), stop_at(0.4, lost=5.0), stop_at(0.6, lost=20.0))
     elsewhere = logged_bag(stop_at(0.0, lost=30.0), name="b.bag", floor=1)
     places = book_of(here, elsewhere).places
-    assert [[logged.stop.x for logged in place.stops] for place in places] == [
+    assert [[logged.stop.place[0] for logged in place] for place in places] == [
         [0.0],
         [0.6, 0.4],
         [0.0],
     ]
-    assert [place.lost for place in places] == [30.0, 25.0, 9.0]
+    assert list(map(lost_in, places)) == [30.0, 25.0, 9.0]
 
 
 def test_a_stop_that_two_bags_of_one_robot_have_is_counted_once():
@@ -172,15 +175,15 @@ def wall(x):
 
 def test_odometry_frames_are_one_only_if_the_laser_saw_the_same_there():
     bags = [
-        logged_bag(seen=wall(0.0)),
-        logged_bag(seen=wall(0.01)),
-        logged_bag(seen=wall(0.9)),
+        logged_bag(map=wall(0.0)),
+        logged_bag(map=wall(0.01)),
+        logged_bag(map=wall(0.9)),
         logged_bag(frame="map", is_shared=True),
         logged_bag(frame="map", is_shared=True),
-        logged_bag(seen=[]),
+        logged_bag(map=[]),
         # Too little to compare
-        logged_bag(seen=[[50.0, 50.0]]),
-        logged_bag(seen=[[50.0, 50.0]]),
+        logged_bag(map=[[50.0, 50.0]]),
+        logged_bag(map=[[50.0, 50.0]]),
     ]
     logbook.set_floors(bags)
     assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3, 4, 5]
@@ -201,7 +204,7 @@ def test_a_drive_is_placed_in_the_frame_of_its_plans_if_tf_connects_both():
     planned = Commands(times, np.zeros((2, 2)))
     recording = SimpleNamespace(drive=drive, robot=JACKAL, planned=planned)
     placed = placed_frame(recording, None)
-    assert (placed.name, placed.is_shared) == ("map", True)
+    assert (placed.frame, placed.is_shared) == ("map", True)
     assert placed.origin == pytest.approx((1.0, 2.0, np.pi / 2))
 
     # Without tf it stays in its own frame.
@@ -233,16 +236,16 @@ def test_matched_poses_begin_anew_at_each_start_as_odometry_does(frame, route_fr
 )
 def test_a_place_in_a_frame_of_one_start_says_so(frame, is_shared, words):
     bag = logged_bag(stop_at(1.0), frame=frame, is_shared=is_shared)
-    (place,) = book_of(bag).places
-    assert place_in_words(place) == words
+    ((stop,),) = book_of(bag).places
+    assert place_in_words(stop) == words
 
 
 def test_a_map_lies_under_the_drives_in_its_frame_alone():
     cells = np.zeros((4, 4), np.int8)
     cells[1, 2] = OCCUPIED
     floor_map = Grid(cells, 0.5, (1.0, 0.0, 0.0))
-    in_map = logged_bag(frame="map", is_shared=True, seen=[[7.0, 7.0]])
-    in_odometry = logged_bag(seen=[[3.0, 3.0]], name="b.bag", floor=1)
+    in_map = logged_bag(frame="map", is_shared=True, map=[[7.0, 7.0]])
+    in_odometry = logged_bag(map=[[3.0, 3.0]], name="b.bag", floor=1)
     floors = logbook_page.floors_of(book_of(in_map, in_odometry), floor_map)
     # The centre of the occupied cell, and what the laser saw
     assert [floor["points"] for floor in floors] == [[[2.25, 0.75]], [[3.05, 3.05]]]
@@ -255,12 +258,12 @@ def test_stops_are_grouped_by_reason_whatever_was_measured_and_by_guess_and_day(
         logged_bag(
             stop_at(0.0, reason=near.format(0.5)),
             stop_at(2.0, reason=near.format(0.7)),
-            parameter="P/sim_time",
+            guess=(Change("P", "sim_time", 2.0, 1.0),),
             begin=NOON,
         ),
         logged_bag(
             stop_at(0.0, lost=5.0, reason="there was no scan for 3.2 s", outside=True),
-            parameter="P/sim_time",
+            guess=(Change("P", "sim_time", 2.0, 1.0),),
             begin=NOON + 86_400.0,
             name="b.bag",
         ),
@@ -309,7 +312,7 @@ def test_drives_of_which_few_commands_are_reproduced_are_counted():
 
 # -- the change for the worst stops
 def drivable(lost, *values, **fields):
-    candidates = [StoredCandidate.of(candidate_of(value)) for value in values]
+    candidates = [tuple(candidate_of(value)) for value in values]
     return logged_bag(stop_at(0.0, lost=lost), candidates=candidates, **fields)
 
 
@@ -324,7 +327,7 @@ def test_the_worst_stops_are_those_a_parameter_may_help_of_one_robot():
     husky = drivable(20.0, 1.0, robot="husky", name="h.bag")
     bags = [drivable(float(lost), 1.0, name=f"{lost}.bag") for lost in range(1, 12)]
     chosen = worst_bags(book_of(outside, husky, *bags))
-    assert [bag.answer.stops[0].lost for bag in chosen] == [11, 10, 9, 8, 7, 6, 5, 4]
+    assert [bag.answer.events[0].lost for bag in chosen] == [11, 10, 9, 8, 7, 6, 5, 4]
 
 
 def test_bags_of_several_robots_are_named_with_the_one_that_gets_advice():
@@ -387,7 +390,7 @@ def course_that_fails(monkeypatch, failure):
 def test_only_values_that_move_base_refuses_are_kept_as_refused(monkeypatch, failure, is_kept):
     book = course_that_fails(monkeypatch, failure)
     change_for(book, BagAnswerOptions(robot=JACKAL), None, lambda: None)
-    assert (None in book.bags[0].file.drives.values()) == is_kept
+    assert (None in book.bags[0].answer.drives.values()) == is_kept
 
 
 def test_a_drive_that_cannot_be_simulated_is_named_and_not_kept(monkeypatch):
@@ -396,7 +399,7 @@ def test_a_drive_that_cannot_be_simulated_is_named_and_not_kept(monkeypatch):
         ApplrError, match="a.bag: the recorded values cannot be driven .* footprint"
     ):
         change_for(book, BagAnswerOptions(robot=JACKAL), None, lambda: None)
-    assert not book.bags[0].file.drives
+    assert not book.bags[0].answer.drives
 
 
 def test_a_bag_that_cannot_be_read_any_more_is_named():
@@ -412,22 +415,21 @@ def test_a_bag_that_cannot_be_read_any_more_is_named():
 # -- files beside the bags
 def test_an_answer_is_kept_for_its_key_and_a_damaged_file_is_none(tmp_path):
     bag_path = tmp_path / "a.bag"
-    kept = AnswerFile(bag_path, "key")
-    kept.answer = answer_with(stop_at(1.0))
+    kept = LoggedBag(bag_path, "key")
     arrival = Arrival(True, 12.34567, False, np.array([[0.0, 1.0, 2.0]], np.float32))
-    kept.drives = {"drive": StoredArrival.of(arrival), "refused": None}
-    kept.save()
+    drives = {"drive": values_of_arrival(arrival), "refused": None}
+    kept.keep(drivable(9.0, 1.0, drives=drives).answer)
 
-    again = AnswerFile(bag_path, "key")
-    assert again.answer == kept.answer
-    assert again.drives["drive"].arrival.seconds == 12.34567
-    assert again.drives["refused"] is None
-    assert AnswerFile(bag_path, "another key").answer is None
+    again = LoggedBag(bag_path, "key")
+    assert KEPT.dump_json(("", again.answer)) == KEPT.dump_json(("", kept.answer))
+    assert arrival_from(again.answer.drives["drive"]).seconds == 12.34567
+    assert Candidate(*again.answer.candidates[0]) == candidate_of(1.0)
+    assert not LoggedBag(bag_path, "another key").is_answered
 
     (tmp_path / "a.bag.why.json").write_text('{"key": "key", "answer": {"robot": 1}}')
-    damaged = AnswerFile(bag_path, "key")
-    assert damaged.answer is None
+    damaged = LoggedBag(bag_path, "key")
     assert damaged.is_damaged
+    assert not damaged.is_answered
 
 
 def test_the_hash_of_a_ros2_bag_is_that_of_its_files_and_opens_no_device(tmp_path):
@@ -445,9 +447,7 @@ def test_the_answer_to_a_bag_that_is_the_current_folder_lies_beside_it(tmp_path,
     bag_path = tmp_path / "drive"
     bag_path.mkdir()
     monkeypatch.chdir(bag_path)
-    kept = AnswerFile(Path(), "key")
-    kept.answer = answer_with()
-    kept.save()
+    LoggedBag(Path(), "key").keep(answer_with())
     assert (tmp_path / "drive.why.json").is_file()
 
 

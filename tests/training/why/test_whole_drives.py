@@ -14,6 +14,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Plans, SentGoal
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event
 from applr_ros1.why.recording import Recording
@@ -32,8 +33,8 @@ from training.attempts.trials import (
     try_out,
 )
 from training.robot.open_floor import courses
-from training.why import answer, remedies
-from training.why.answer import Answer
+from training.why import remedies
+from training.why.driven import with_trials
 from training.why.remedies import recorded_changes
 from training.why.seen_world import seen_grid, seen_world, write_map
 from training.workers.calls import CallLost
@@ -359,10 +360,11 @@ def replayed(door):
     return replay_of(Recording.of(drive, robot))
 
 
-def diagnosed(replay, trials=None, guesses=()):
+def diagnosed(replay, trials=None, guesses=(), **changes):
     """Return the answer for a replay with one event, at the door."""
     event = Event("stood", begin=3.0, end=9.0, place=(0.0, 0.3), reason="a reason")
-    return Answer(Diagnosis(replay, [event], explained=[[]]), guesses, trials)
+    diagnosis = Diagnosis.of(replay, [replace(event, **changes)])
+    return with_trials(answer_of(diagnosis, guesses), trials)
 
 
 def tried(candidate, *seconds, limit=25.0):
@@ -383,7 +385,7 @@ def tried(candidate, *seconds, limit=25.0):
 def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_sure_it_is(replayed):
     remedy = tried(MENDED, 12.0, 13.0, 14.0)
     trials = WholeDriveTrials(tried(RECORDED, 29.0, 29.0, 21.0), remedy, [remedy])
-    event_line, advice, certainty, *_ = answer.lines_of(diagnosed(replayed, trials))
+    event_line, advice, certainty, *_ = diagnosed(replayed, trials).lines
     assert event_line == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
     assert advice == (
         "Try vx_samples 1 -> 6: arrives 3 of 3 in 13 s; "
@@ -400,7 +402,7 @@ def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
     def advice(trials, gain):
         """Return the line of advice, with one guess that gains some speed [m/s]."""
         guess = SimpleNamespace(gain=gain, change=change, changes=(change,))
-        return answer.lines_of(diagnosed(replayed, trials, [guess]))[1]
+        return diagnosed(replayed, trials, [guess]).lines[1]
 
     guess_line = "The replay's guess: sim_time 2 -> 1."
     assert advice(no_remedy, gain=0.2) == f"Nothing that was tried helped. {guess_line}"
@@ -417,7 +419,7 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
     chosen = tried(MENDED, 8.0, 8.0)
     judged = tried(MENDED, 12.0, 12.0, 9.0)
     trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [chosen], [judged])
-    lines = answer.lines_of(diagnosed(replayed, trials))
+    lines = diagnosed(replayed, trials).lines
     assert lines[1] == "Nothing that was tried helped with each seed."
     assert lines[-1] == (
         "   vx_samples 1 -> 6: arrives 2 of 2 in 8 s; with other seeds arrives 3 of 3 in 11 s"
@@ -425,21 +427,16 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
 
 
 def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
-    short_answer = diagnosed(replayed)
-    (event,) = short_answer.diagnosis.events
-    event.end = event.begin + 0.1
     line = "No change was tried: the robot lost little time."
-    assert answer.advice(short_answer) == [line]
+    assert diagnosed(replayed, end=3.1).advice == [line]
     # A moment that somebody asks about is short, too.
-    event.is_asked = True
-    assert answer.advice(short_answer) == []
+    assert diagnosed(replayed, end=3.1, is_asked=True).advice == []
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
     trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [])
-    far_away = diagnosed(replayed, trials)
-    far_away.diagnosis.events[0].place = (4.0, 4.0)
-    assert "the robot does not stop there." in answer.how_sure(far_away)
+    far_away = diagnosed(replayed, trials, place=(4.0, 4.0))
+    assert "the robot does not stop there." in far_away.sure
 
 
 def test_a_doubtful_replay_is_called_so(replayed):
@@ -448,7 +445,7 @@ def test_a_doubtful_replay_is_called_so(replayed):
     for row in range(0, len(cycles), 3):
         cycles[row] = replace(cycles[row], error=1.0)
     doubtful = replace(replayed, cycles=cycles)
-    certainty = answer.how_sure(diagnosed(doubtful))
+    certainty = diagnosed(doubtful).sure
     assert "% of the planner's commands are reproduced, so its reasons are not to" in certainty
 
 
@@ -488,7 +485,7 @@ def test_of_a_drive_with_several_goals_the_course_to_the_one_of_the_event_is_dri
     recording = Recording.of(replace(drive, routes=routes), replayed.robot)
     event = Event("crept", 4.0, 12.0, (0.0, 0.3))
 
-    conditions = remedies.course_of(Diagnosis(replay_of(recording), [event]), []).conditions
+    conditions = remedies.course_of(Diagnosis.of(replay_of(recording), [event]), []).conditions
 
     course = conditions.world.course
     assert course.goal == (x, y, 0.0)
@@ -532,9 +529,9 @@ def test_nothing_is_driven_for_a_part_of_the_robot_or_a_moment_that_is_asked_abo
     event = Event("crept", 1.0, 12.0, (0.0, 0.3))
     moment = replace(event, is_asked=True)
     with Pool(0) as pool:
-        assert remedies.driven_trials(Diagnosis(replayed, [event]), [], pool) == "trials"
-        assert remedies.driven_trials(Diagnosis(replayed, [moment]), [], pool) is None
-        with_part = Diagnosis(replayed, [event], part=(0.5, 0.0))
+        assert remedies.driven_trials(Diagnosis.of(replayed, [event]), [], pool) == "trials"
+        assert remedies.driven_trials(Diagnosis.of(replayed, [moment]), [], pool) is None
+        with_part = Diagnosis.of(replayed, [event], part=(0.5, 0.0))
         assert remedies.driven_trials(with_part, [], pool) is None
 
 
@@ -586,10 +583,10 @@ def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(repla
     # An event of eleven seconds, and one of one second
     long_event = Event("crept", 1.0, 12.0, (0.0, 0.3))
     short_event = Event("crept", 1.0, 2.0, (0.0, 0.3))
-    assert Diagnosis(replayed, [long_event]).wants_remedy
-    assert not Diagnosis(replayed, [short_event]).wants_remedy
+    assert Diagnosis.of(replayed, [long_event]).wants_remedy
+    assert not Diagnosis.of(replayed, [short_event]).wants_remedy
 
     slow_top_speed = Change(PLANNER, "max_vel_x", 0.5, 0.1)
     slow_robot = with_changes(JACKAL, [SPOILT, slow_top_speed], "jackal")
     slow_replay = replay_of(Recording.of(replayed.drive, slow_robot))
-    assert not Diagnosis(slow_replay, [long_event]).wants_remedy
+    assert not Diagnosis.of(slow_replay, [long_event]).wants_remedy

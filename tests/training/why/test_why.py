@@ -13,19 +13,21 @@ from applr_ros1.drives.drive import REACHED, Goal, Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.why import alternatives
-from applr_ros1.why.answer import headline
-from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
-from applr_ros1.why.black_box.black_box import DESCRIPTION
-from applr_ros1.why.black_box.description import DescribedRobot, text_of, unknown_robot
+from applr_ros1.why.answer import answer_of
+from applr_ros1.why.black_box.answering import answers_of
+from applr_ros1.why.black_box.bag_file import read_messages
+from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
+from applr_ros1.why.black_box.stops import HELD
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.events import Event
+from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
 from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
+from tests.support.measured_drives import DRIVES, STANDS, drive_of
 from tests.support.pages import data_of
-from tests.support.raw_messages import raw_messages
+from tests.support.raw_messages import bag_of, description_of, deserialize, raw_messages
 from tests.support.replays import (
     JACKAL,
     PLANNER,
@@ -39,8 +41,9 @@ from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import remedies
+from training.why.bag_answer import answer_to
 from training.why.pages import drive_page
-from training.why.recorded import recording_of
+from training.why.recorded import BagAnswerOptions, recording_of
 from training.why.remedies import CANDIDATES
 from training.why.replayed import with_likely_robot
 
@@ -297,7 +300,7 @@ def test_of_a_moment_without_a_goal_this_is_said(sound):
     replay = replace(sound, recording=replace(sound.recording, drive=drive))
     event = Event("stood", 2.0, 3.0, (0.0, 0.0), is_asked=True)
     happened = "The robot stood from 2.0 to 3.0 s: it had no goal."
-    assert headline(Diagnosis(replay, [event])) == happened
+    assert answer_of(Diagnosis.of(replay, [event])).happened == happened
 
 
 @needs_browser
@@ -446,20 +449,64 @@ def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base
     assert "because move_base sent no command for" in output.splitlines()[0]
 
 
-def box_bag(path, robot, drive, is_known):
+def box_bag(path, robot, drive, is_known, stop=None):
     """Write the bag of a black box, and return its path.
 
-    is_known: whether the robot has a description.
+    Args:
+        path: The path.
+        robot: Robot that drove.
+        drive: Its drive.
+        is_known: Whether the robot has a description.
+        stop: Stop for which the bag is kept, or None.
     """
     topics = replace(TopicNames.of(robot), scan="/lidar", command="/base/cmd_vel")
     messages = raw_messages(path.with_suffix(".source.bag"), drive, robot=robot, topics=topics)
     described = robot if is_known else unknown_robot(robot.parameters())
-    text = text_of(DescribedRobot(described, topics, is_known)).encode()
-    serialised = len(text).to_bytes(4, "little") + text
-    description = RawMessage(messages[0].time, DESCRIPTION, serialised)
-    with open(path, "wb") as file:
-        write_messages(file, [description, *messages])
+    description = description_of(
+        DescribedRobot(described, topics, is_known), messages[0].time, stop
+    )
+    path.write_bytes(bag_of([description, *messages]))
     return path
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    ("kind", "begin", "end", "expected", "words"),
+    [
+        ("stood", 4.0, 9.0, 3.0, "stood for 9 s"),
+        ("stood", 11.0, 23.0, 18.0, "stood for 6 s"),  # It overlaps the second stop most.
+        (SAVED, 25.0, 25.0, 18.0, "stood for 6 s"),  # The first one was longer.
+        # Not the last half second counts, but all that led to it.
+        (GAVE_UP, 11.9, 11.9, 3.0, f"{GAVE_UP}: it stood for 9 s"),
+        (HELD, 2.0, 8.0, 0.0, f"which {HELD} at first, crept for 12 s"),
+    ],
+)
+def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(
+    spoilt, folder, capsys, kind, begin, end, expected, words
+):
+    # Given: a drive that is replayed, or one of another planner that stands from 3 to 12 s, and
+    # from 18 to 24 s
+    robot, driven = spoilt
+    if kind != HELD:
+        robot = JACKAL
+        driven = drive_of(DRIVES + STANDS * 3 + DRIVES * 2 + STANDS * 2 + DRIVES)
+        driven = replace(driven, planners=["TebLocalPlannerROS"], plans=None)
+    stop = RobotStop(kind, 1.0 + begin, 1.0 + end, (0.0, 0.0))
+    bag_path = box_bag(folder / "stop.bag", robot, driven, True, stop)
+
+    # When: the box answers, and the desk, alone and in a logbook
+    *_, box_answer = answers_of(list(read_messages(bag_path.read_bytes())), deserialize)
+    _, output, _ = ran(capsys, bag_path, "--quick", "--json")
+    logged_answer = answer_to(bag_path, BagAnswerOptions(quick=True)).answer
+
+    # Then: all tell the event of the stop, which need not be the longest one
+    assert json.loads(output)["lines"][0] == box_answer.first_line == logged_answer.first_line
+    told = box_answer.message()
+    for key in ("kind", "begin", "seconds", "reason", "reproduced"):
+        assert logged_answer.message()[key] == told[key], key
+    assert told["begin"] == pytest.approx(1.0 + expected, abs=0.1)
+    assert words in told["sentence"]
+    assert told["reason"].startswith("no command faster than") == (kind == HELD)
 
 
 @pytest.mark.heavy

@@ -1,6 +1,7 @@
 """Tests of the answers of the black box: what is seen from outside first, then the planner's."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,15 +11,13 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Verdicts
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
-from applr_ros1.why.black_box.bag_file import RawMessage
-from applr_ros1.why.black_box.black_box import DESCRIPTION
-from applr_ros1.why.black_box.description import DescribedRobot, driving, text_of
-from applr_ros1.why.black_box.stops import HELD, SAVED, RobotStop
+from applr_ros1.why.black_box.description import DescribedRobot, driving
+from applr_ros1.why.black_box.stops import HELD
+from applr_ros1.why.events import SAVED, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import POOR
 from tests.support.drives import before_a_monitor, until
-from tests.support.measured_drives import DRIVES, STANDS, drive_of
-from tests.support.raw_messages import deserialize, raw_messages
+from tests.support.raw_messages import description_of, deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
 BEGIN_S = 1.0  # time at which a written bag begins [s]
@@ -49,10 +48,10 @@ def answers(
     # The simulated drives count cells, as this package's stack does.
     described = described or driving(robot, robot.driven_parameters())
     described_robot = DescribedRobot(described, TopicNames.of(robot), True, unpublished)
-    text = text_of(described_robot).encode()
-    description = RawMessage(messages[0].time, DESCRIPTION, len(text).to_bytes(4, "little") + text)
     stop = stop or RobotStop("crept", BEGIN_S + 2.0, BEGIN_S + 8.0, (0.5, 0.25))
-    return list(answers_of([description, *messages], stop, deserialize))
+    description = description_of(described_robot, messages[0].time, stop)
+    box_answers = answers_of([description, *messages], deserialize)
+    return [SimpleNamespace(**answer.message()) for answer in box_answers]
 
 
 @pytest.mark.heavy
@@ -72,11 +71,10 @@ def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     assert (answer.before, answer.after) == (1, 2)
     assert answer.begin == pytest.approx(BEGIN_S, abs=0.1)
     assert answer.frame == "odom"
-    words = str(answer)
+    words = answer.sentence
     assert words.startswith("the robot crept for 12 s at (")
     assert "because no command faster than" in words
     assert words.endswith(f"; try {PLANNER}/vx_samples 1 -> 2")
-    assert answer.values()["sentence"] == words
 
 
 @pytest.mark.heavy
@@ -95,7 +93,7 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
     assert answer.reason == "the collision monitor blocks 100 % of the commanded motion: a wall"
     # What was said when the stop was found is corrected.
     first_words = f"the robot, which {HELD} at first, crept for 12 s at "
-    assert str(answer).startswith(first_words)
+    assert answer.sentence.startswith(first_words)
 
 
 @pytest.mark.heavy
@@ -110,7 +108,7 @@ def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
     assert answer.kind == "crept"
     assert answer.note == OTHER_PLANNER
     # The node says it once.
-    assert OTHER_PLANNER not in str(answer)
+    assert OTHER_PLANNER not in answer.sentence
     silent = replace(drive, scans=drive.scans.part(slice(0, 40)))
     (silent_answer,) = answers(tmp_path / "silent.bag", teb, silent)
     assert silent_answer.reason.startswith("there was no scan for")
@@ -169,7 +167,7 @@ def test_a_replay_that_reproduces_little_is_called_so_and_gives_no_guess(spoilt,
     # Then: the threshold is the one of `why`, and no parameter is to be tried
     assert answer.reproduced < POOR
     assert answer.note.startswith("only ")
-    assert "of the planner's commands are reproduced, so its reasons are not to" in str(answer)
+    assert "of the planner's commands are reproduced, so its reasons are not to" in answer.sentence
     assert answer.parameter == ""
 
 
@@ -184,47 +182,19 @@ def test_a_moment_that_is_no_event_is_explained_by_itself(spoilt, tmp_path):
     assert (answer.x, answer.y) == (0.5, 0.25)
 
 
-@pytest.mark.heavy
-def test_somebody_who_asks_to_save_asks_about_the_latest_event(spoilt, tmp_path):
-    robot, drive = spoilt
-    stop = RobotStop(SAVED, BEGIN_S + 11.9, BEGIN_S + 11.9, (0.5, 0.25))
-    *_, answer = answers(tmp_path / "saved.bag", robot, drive, stop)
-    assert answer.kind == "crept"
-
-
-def test_of_two_stops_the_one_that_was_found_is_answered_or_the_latest_if_somebody_saves(tmp_path):
-    # Given: a drive of another planner, whose stops last from 3 to 12 s and from 18 to 24 s
-    tree = JACKAL.parameters()
-    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
-    teb = driving(JACKAL, tree)
-    drive = drive_of(DRIVES + STANDS * 3 + DRIVES * 2 + STANDS * 2 + DRIVES)
-    drive = replace(drive, planners=["TebLocalPlannerROS"], plans=None)
-    for kind, begin, end, expected in (
-        ("stood", 4.0, 9.0, 3.0),
-        ("stood", 11.0, 23.0, 18.0),  # It overlaps the second stop most.
-        (SAVED, 25.0, 25.0, 18.0),  # The first one was longer.
-    ):
-        # When: one of the stops is found, or somebody saves
-        stop = RobotStop(kind, BEGIN_S + begin, BEGIN_S + end, (0.0, 0.0))
-        (answer,) = answers(tmp_path / f"{begin}.bag", teb, drive, stop)
-        # Then: this stop is answered
-        assert answer.kind == "stood"
-        assert answer.begin == pytest.approx(BEGIN_S + expected, abs=0.1)
-
-
 def test_somebody_who_asks_to_save_before_any_stop_is_told_so(spoilt, tmp_path):
     robot, drive = spoilt
     no_event = replace(drive, goals=[goal._replace(end=0.2) for goal in drive.goals])
     stop = RobotStop(SAVED, BEGIN_S + 5.0, BEGIN_S + 5.0, (0.5, 0.25))
     (answer,) = answers(tmp_path / "saved.bag", robot, no_event, stop)
-    assert str(answer) == "the robot was asked to save at (0.50, 0.25) (it has not stopped)"
+    assert answer.sentence == "the robot was asked to save at (0.50, 0.25) (it has not stopped)"
 
 
 def test_messages_without_a_description_are_refused(spoilt, tmp_path):
     _, drive = spoilt
     messages = raw_messages(tmp_path / "drive.bag", drive)
     with pytest.raises(ApplrError, match="no message on /black_box/parameters"):
-        list(answers_of(messages, RobotStop("stood", 2.0, 8.0, (0.0, 0.0)), deserialize))
+        list(answers_of(messages, deserialize))
 
 
 @pytest.mark.slow

@@ -10,17 +10,14 @@ from applr_ros1.drives.columns import SECOND, TopicNames
 from applr_ros1.drives.received import TopicSource
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box import answer_process
-from applr_ros1.why.black_box.answer_process import AnswerProcess, stop_of
-from applr_ros1.why.black_box.bag_file import Publication, RawMessage, read_messages
+from applr_ros1.why.black_box.answer_process import AnswerProcess
+from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, described_by
 from applr_ros1.why.black_box.ring import Ring
-from applr_ros1.why.black_box.stops import RobotStop
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
-from tests.support.raw_messages import job_of
 from tests.why.black_box.test_stops import BEGIN_S, messages_of
 
-STOP = RobotStop("stood", 3.0, 8.0, (1.0, 2.0))
 ODOMETRY = Publication("/odometry", "nav_msgs/Odometry", "")
 SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
 
@@ -39,6 +36,11 @@ class Folder:
         return f"stop_{moment}.bag"
 
 
+def stop_in(messages):
+    """Return the stop that the first of some messages describes; None without messages."""
+    return described_by(messages[0].data[4:].decode(), "stop").stop if messages else None
+
+
 class Process:
     """Process that keeps what it is asked."""
 
@@ -47,9 +49,10 @@ class Process:
         self.is_running = False
         self.reply = None
 
-    def ask(self, stop, messages):
+    def ask(self, messages):
         was_running = self.is_running
-        self.asked.append((stop, list(messages)))
+        asked = list(messages)
+        self.asked.append((stop_in(asked), asked))
         self.is_running = True
         return was_running
 
@@ -183,9 +186,8 @@ def test_somebody_may_ask_to_save():
     assert box.box.save(BEGIN_S + 3.0) == "0"
     box.drive(DRIVES * 3, begin=3.0)
     assert list(box.folder.saved) == ["0"]
-    ((stop, _),) = box.process.asked
-    assert stop.kind == "was asked to save"
-    assert box.box.stop_count == 1
+    assert stop_in(box.folder.saved["0"]).kind == "was asked to save"
+    assert box.box.stop_count == len(box.process.asked) == 1
     # The next bag has a time that the first one does not have.
     assert box.box.save(BEGIN_S + 11.9) == "1"
 
@@ -275,7 +277,7 @@ def test_what_is_pending_is_written_at_the_end():
 
 
 # -- the process -----------------------------------------------------------------------------------
-READS = "import json, sys; line = sys.stdin.buffer.readline(); bag = sys.stdin.buffer.read(); "
+READS = "import json, sys; bag = sys.stdin.buffer.read(); "
 MESSAGES = [RawMessage(second * SECOND, ODOMETRY, b"x" * 100_000) for second in range(1, 20)]
 
 
@@ -295,16 +297,10 @@ def answer_within(process, seconds):
     return None
 
 
-def test_a_job_is_a_stop_and_a_bag():
-    line, _, bag = job_of(STOP, iter(MESSAGES)).partition(b"\n")
-    assert stop_of(line) == STOP
-    assert list(read_messages(bag)) == MESSAGES
-
-
 def test_the_process_gets_the_job_and_its_last_answer_counts():
     prints = "print(1); print('no answer'); import os; print(json.dumps([len(bag), os.nice(0)]))"
     process = process_of(READS + prints)
-    assert process.ask(STOP, MESSAGES) is False
+    assert process.ask(MESSAGES) is False
     byte_count, niceness = answer_within(process, 20.0)
     assert byte_count > 19 * 100_000
     assert niceness >= 10
@@ -318,39 +314,38 @@ def test_the_first_answer_is_given_if_the_last_one_takes_long(monkeypatch):
         READS + "import time; print(json.dumps('early'), flush=True); time.sleep(3.0); "
         "print(json.dumps('late'))"
     )
-    process.ask(STOP, MESSAGES)
+    process.ask(MESSAGES)
     assert answer_within(process, 20.0) == "early"
     assert answer_within(process, 20.0) == "late"
 
     same = process_of(READS + "import time; print(1, flush=True); time.sleep(1.5); print(1)")
-    same.ask(STOP, MESSAGES)
+    same.ask(MESSAGES)
     assert answer_within(same, 20.0) == 1
     assert answer_within(same, 5.0) is None
 
 
 def test_the_next_stop_ends_the_process_of_the_one_before(tmp_path):
     ends = tmp_path / "ends"
-    leaves_a_line = f"open({str(ends)!r}, 'a').write(str(json.loads(line)[1]))"
-    process = process_of(
-        READS + f"import time; print(json.loads(line)[1]); time.sleep(0.5); {leaves_a_line}"
-    )
+    leaves_a_line = f"open({str(ends)!r}, 'a').write(str(len(bag)))"
+    process = process_of(READS + f"import time; print(len(bag)); time.sleep(0.5); {leaves_a_line}")
     slow = process_of("import time; time.sleep(60.0)")
-    slow.ask(STOP, MESSAGES)
+    slow.ask(MESSAGES)
     assert slow.is_running
     slow.end()
     assert not slow.is_running
 
-    process.ask(STOP, MESSAGES)
-    # The job of 2 MB does not fit into a pipe: its sender ends with the process.
-    assert process.ask(STOP._replace(begin=4.0), MESSAGES) is True
-    assert answer_within(process, 20.0) == 4.0
+    process.ask(MESSAGES)
+    # The bag of 2 MB does not fit into a pipe: its sender ends with the process.
+    assert process.ask(MESSAGES[1:]) is True
+    byte_count = answer_within(process, 20.0)
+    assert byte_count < 19 * 100_000
     # Only the second one has come to its end.
-    assert ends.read_text() == "4.0"
+    assert ends.read_text() == str(byte_count)
 
 
 def test_a_process_that_does_not_end_is_killed(monkeypatch):
     monkeypatch.setattr(answer_process, "LONGEST_S", 0.2)
     process = process_of("import time; time.sleep(60.0)")
-    process.ask(STOP, MESSAGES)
+    process.ask(MESSAGES)
     assert answer_within(process, 1.0) is None
     assert not process.is_running

@@ -1,4 +1,4 @@
-"""Keeps the answer to a bag in a JSON file beside it, so that a logbook continues where it stopped.
+"""Bag of a logbook, with its answer in a JSON file beside it: a logbook continues where it stopped.
 
 An answer counts only for the bag, the robot, the options and the code that made it. Nothing in the
 file is executed.
@@ -10,109 +10,80 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Sequence
+from typing import Iterator, Optional, Sequence, Tuple
 
-import numpy as np
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot
-from training.attempts.trials import Arrival
+from applr_ros1.why.answer import Answer
+from training.attempts.trials import DriveConditions
 from training.common.provenance import source_hash
 from training.evaluate.runner import content
-from training.why.bag_answer import BagAnswer, Stored
 from training.why.recorded import BagAnswerOptions
-from training.why.values import thinned
 
 ENDING = ".why.json"  # end of the file's name, after the bag's
 BLOCK = 1 << 20  # part of a bag that is hashed at once [bytes]
+# A key of what made an answer, and the answer
+KEPT: TypeAdapter[Tuple[str, Answer]] = TypeAdapter(Tuple[str, Answer])
 
 
-class StoredArrival(Stored):
-    """How a whole drive ended (Arrival), with fewer positions."""
-
-    success: bool
-    seconds: float
-    is_slow: bool
-    path: List[List[float]]
-
-    @classmethod
-    def of(cls, arrival: Arrival) -> StoredArrival:
-        """Return a drive as plain values."""
-        return cls(
-            success=arrival.success,
-            seconds=arrival.seconds,
-            is_slow=arrival.is_slow,
-            path=thinned(arrival.path),
-        )
-
-    @property
-    def arrival(self) -> Arrival:
-        """How the drive ended."""
-        path = np.array(self.path, np.float32).reshape(-1, 3)
-        return Arrival(self.success, self.seconds, self.is_slow, path)
-
-
-class AnswerContent(Stored):
-    """Content of a file.
-
-    Attributes:
-        key: Key of what made the answer.
-        answer: The answer.
-        drives: Simulated drives in the world of the bag, by key_of_drive; None for values that
-            move_base refuses.
-    """
-
-    key: str
-    answer: BagAnswer
-    drives: Dict[str, Optional[StoredArrival]] = {}
-
-
-class AnswerFile:
-    """Answer to a bag that is kept beside it.
+class LoggedBag:
+    """Bag of a logbook. The answer to it is kept beside it.
 
     Args:
-        bag_path: The bag.
+        path: The bag.
         key: Key of what makes the answer.
 
     Attributes:
-        answer: The answer; None if it is not known yet.
-        drives: Simulated drives, as in AnswerContent.
+        path: The bag.
+        is_answered: Whether the answer is known.
+        answer: The answer, once it is known.
+        conditions: Conditions of simulated drives in its world, if they are known.
+        floor: Number of the frame that it shares with other bags.
         is_damaged: Whether a file is there that is no answer.
         problem: Why the answer cannot be kept; "" if it can.
     """
 
-    def __init__(self, bag_path: Path, key: str):
-        self.bag_path = bag_path
-        self.answer: Optional[BagAnswer] = None
-        self.drives: Dict[str, Optional[StoredArrival]] = {}
+    answer: Answer
+
+    def __init__(self, path: Path, key: str):
+        self.path = path
+        self.is_answered = False
+        self.conditions: Optional[DriveConditions] = None
+        self.floor = 0
         self.is_damaged = False
         self.problem = ""
         # The folder of a ROS 2 bag may be given as ".", which has no name.
-        named_path = Path(os.path.abspath(bag_path))
-        self._path = named_path.with_name(named_path.name + ENDING)
+        named_path = Path(os.path.abspath(path))
+        self._file = named_path.with_name(named_path.name + ENDING)
         self._key = key
-        if not self._path.exists():
+        if not self._file.exists():
             return
         try:
-            kept = AnswerContent.model_validate_json(read_bytes(self._path))
+            kept_key, answer = KEPT.validate_json(read_bytes(self._file))
         except (ApplrError, ValidationError):
             self.is_damaged = True
             return
         # An answer to another bag, or of another state of the code, is made again.
-        if kept.key == key:
-            self.answer = kept.answer
-            self.drives = dict(kept.drives)
+        if kept_key == key:
+            self.answer = answer
+            self.is_answered = True
+
+    def keep(self, answer: Answer) -> None:
+        """Take the answer, and keep it."""
+        self.answer = answer
+        self.is_answered = True
+        self.save()
 
     def save(self) -> None:
-        """Write the file whole, if there is an answer and the folder can be written."""
-        if self.answer is None or self.problem:
+        """Write the answer whole, if the folder can be written."""
+        if self.problem:
             return
-        kept = AnswerContent(key=self._key, answer=self.answer, drives=self.drives)
         try:
-            write_bytes(self._path, kept.model_dump_json().encode())
+            write_bytes(self._file, KEPT.dump_json((self._key, self.answer)))
         except ApplrError as problem:
             self.problem = str(problem)
 
