@@ -276,7 +276,7 @@ def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed
         open_floor, "candidates_of", lambda robot: pytest.fail("the cause is known")
     )
     monkeypatch.setattr(open_floor, "courses", lambda robot: courses(robot)[2:3])
-    is_driving, (*_, error) = open_floor.try_out(scaled_footprint(JACKAL, 0.2))
+    is_driving, (*_, error) = open_floor.try_out(scaled_footprint(JACKAL, 0.25))
     assert not is_driving
     cause = "error: it does not drive around a box: local_costmap/footprint is too small: "
     assert error.startswith(cause)
