@@ -23,7 +23,7 @@ import rospy
 from geometry_msgs.msg import Twist as TwistMessage
 
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.nodes.base_commands import ZEROS_S, publish_zeros
+from applr_ros1.nodes.base_commands import LAST_ZEROS, ZEROS_S
 
 GUARD_SUFFIX = "_guard"  # suffix of the guard's ROS name, after the node's name
 # Environment variable with the file descriptor of the node's end of the pipe
@@ -117,20 +117,22 @@ def _watch() -> int:
     if last_beat < math.inf:
         problem = "collision monitor: the node has ended"
         rospy.logerr("%s; the base is stopped until roslaunch restarts the node", problem)
-        _wait_for_base(commands)
-        publish_zeros(commands)
+        _stop_base(commands)
     return node.wait()
 
 
-def _wait_for_base(commands: rospy.Publisher) -> None:
-    """Wait until the base has connected, for CONNECTS_S at most.
+def _stop_base(commands: rospy.Publisher) -> None:
+    """Publish LAST_ZEROS zeros to a connected base, within CONNECTS_S.
 
     The base hears of the guard's topic with the node's first heartbeat, which may have been a
-    moment ago.
+    moment ago. A connection that has ended counts until messages are sent to it.
     """
     deadline = time.monotonic() + CONNECTS_S
-    while not commands.get_num_connections() and time.monotonic() < deadline:
+    sent_count = 0
+    while sent_count < LAST_ZEROS and time.monotonic() < deadline:
+        commands.publish(TwistMessage())
         time.sleep(ZEROS_S)
+        sent_count += commands.get_num_connections() > 0
 
 
 def _publisher(topic: str) -> rospy.Publisher:
