@@ -41,7 +41,8 @@ def is_goal_occupied(stretch: Stretch, robot: Robot) -> bool:
     beams = np.rint((np.arctan2(y, x) - first_angles) % (2.0 * np.pi) / increments)
     distances = np.hypot(x, y)
     occupied_count = 0
-    for ranges, beam, distance in zip(scans.ranges, beams, distances):
+    for scan_row, (beam, distance) in enumerate(zip(beams, distances)):
+        ranges = scans.distances(scan_row)
         if 0 <= beam < len(ranges):
             behind = (distance - ranges[int(beam)]) / robot.world_scale
             occupied_count += -BEFORE_M <= behind <= BEHIND_M

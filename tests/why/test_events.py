@@ -407,6 +407,7 @@ def test_the_time_without_a_plan_is_a_reason(stopped):
         ((5.0, 1.0), 2.2, 1.0, False),
         ((5.0, 1.0), 2.2, 2.0, True),  # that of a larger robot.
         ((5.0, 1.0), np.inf, 1.0, False),
+        ((3.3, 1.0), 0.0, 1.0, False),  # A beam that measures nothing shows no obstacle.
         ((1.0, 1.0), 2.0, 1.0, False),  # It lies behind the laser's fan.
     ],
 )
