@@ -18,7 +18,7 @@ LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let g
 
 
 class WatchedLaser:
-    """State of one laser: obstacle memory, trackers, fault check, and its latest scan.
+    """State of one laser: obstacle memory, tracker, fault check, and its latest scan.
 
     Attributes:
         topic: name of its topic, "" for that of the robot's first laser.
@@ -28,8 +28,7 @@ class WatchedLaser:
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
-        suspects: what moves in the odometry's frame, where slipping wheels move what stands, too.
-        movers: what moves in the frame of corrected poses.
+        movers: what moves.
     """
 
     def __init__(
@@ -45,8 +44,7 @@ class WatchedLaser:
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
         limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
-        self.suspects = CertainTracks(tracker or MoverTracker(*limits))
-        self.movers = CertainTracks(MoverTracker(*limits))
+        self.movers = CertainTracks(tracker or MoverTracker(*limits))
         self.count = 0
         self.clear()
 
@@ -69,7 +67,6 @@ class WatchedLaser:
 
     def forget_tracks(self) -> None:
         """Forget what moves, because poses are corrected anew."""
-        self.suspects.clear()
         self.movers.clear()
 
 
@@ -83,8 +80,7 @@ class Lasers:
     Args:
         settings: settings of the monitor.
         more_topics: names of further lasers' topics; that of the robot's first laser is "".
-        tracker: tracker that already follows the first laser's scans in the odometry's frame; None
-            without one.
+        tracker: tracker of the first laser's scans, if others use it, too.
     """
 
     def __init__(

@@ -68,10 +68,10 @@ class BodyPose(NamedTuple):
 
 
 class CertainTracks:
-    """Tracked obstacles in one frame whose velocities are, or were, certain enough to act on.
+    """Tracked obstacles whose velocities are, or were, certain enough to act on.
 
     Attributes:
-        latest: those in the latest scan.
+        latest: those in the latest scan, in the odometry's frame.
     """
 
     def __init__(self, tracker: MoverTracker):
@@ -83,8 +83,14 @@ class CertainTracks:
         self._tracker.reset()
         self.latest = self._tracker.movers
 
-    def update(self, scan: LaserScan) -> Movers:
-        """Follow the tracks in a scan, and return those that are certain."""
+    def update(self, scan: LaserScan, correction: Pose) -> Movers:
+        """Follow the tracks in a scan, and return those that are certain.
+
+        Args:
+            scan: Scan in the odometry's frame.
+            correction: Pose of this frame in that of the matched poses, as known before the scan.
+        """
+        self._tracker.frame = correction
         movers = self._tracker.update(scan)
         if not len(movers.id):
             self.latest = movers

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
-from applr_ros1.common.angles import compose
+from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.robots import JACKAL
@@ -300,7 +300,10 @@ def test_slipping_wheels_cause_no_false_detections(laser, speed):
         pytest.param(0.0, 0.2, 2.4, id="turning"),
     ],
 )
-def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, seconds):
+@pytest.mark.parametrize("is_known", [False, True])
+def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, seconds, is_known):
+    """Pillars show the slip, or it is known beforehand up to the last scan."""
+
     def slips(time):
         slipping_time = max(0.0, time - 0.5)
         return speed * slipping_time, 0.0, turn_rate * slipping_time
@@ -308,8 +311,14 @@ def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, 
     def crosses(time):
         return [(2.8, -0.8 + time, 0.3)]
 
-    scene = Scene(cylinders=PILLARS)
-    watched = scene.watch(seconds, believed=slips, movers=crosses)
+    scene = Scene(cylinders=NO_CYLINDERS if is_known else PILLARS)
+
+    def corrects(scan):
+        if is_known:
+            scene.tracker.frame = inverse(slips(scan.stamp - 0.05))
+        return scan
+
+    watched = scene.watch(seconds, believed=slips, movers=crosses, distort=corrects)
     assert counts(watched)[-1] == 1
 
     # Place and velocity are those in the world, in the frame of the slipping odometry.
