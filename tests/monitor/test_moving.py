@@ -33,7 +33,7 @@ from applr_ros1.monitor.stopping import (
 )
 from applr_ros1.movers.tracker import Movers, MoverTracker
 from sim_bridge.lidar import Lidar
-from tests.monitor.scenes import BODY, FRONT, HERE, SIDE, safe_scale_of
+from tests.monitor.scenes import AT_REST, BODY, FRONT, HERE, SIDE, safe_scale_of
 from tests.monitor.test_ways import braking_distance, smallest_passing
 
 PERIOD = 0.05  # control period [s]
@@ -235,27 +235,31 @@ def test_a_base_at_rest_lets_a_mover_pass_and_then_drives_on():
 
 
 def test_what_stands_moves_for_nobody_while_the_wheels_slip():
-    """The robot stands in a room with a post. Its odometry slides sideways at 0.5 m/s.
+    """The robot stands in a room with a post. Its odometry slides sideways at 1 m/s for 1.5 s.
 
-    The tracker is the one that predicts for the costmaps.
+    The tracker is the one that predicts for the costmaps. What comes afterwards is seen where it is.
     """
     robot = ROBOTS["jackal"]
     laser = robot.laser
     limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
     walls = [(3.0, 0.0, 0.0, 0.2, 8.0), (0.0, 3.0, 0.0, 8.0, 0.2), (0.0, -3.0, 0.0, 8.0, 0.2)]
     lidar = Lidar(laser, [(1.5, 0.3, RADIUS)], np.array(walls))
-    true_ranges = lidar.scan(*laser.pose_at((0.0, 0.0, 0.0)))
     rng = np.random.default_rng(0)
     tracker = MoverTracker.of(robot)
     monitor = CollisionMonitor(MonitorSettings.of(robot), tracker=tracker)
     tracked = 0
-    for number in range(30):
+    for number in range(60):
         stamp = number * PERIOD
-        ranges = true_ranges + rng.normal(0.0, 0.003, len(true_ranges))
-        slid_pose = laser.pose_at((0.0, 0.5 * stamp, 0.0))
-        monitor.add_scan(LaserScan(stamp, *limits, ranges, slid_pose))
-        tracked += len(tracker.movers.id)
+        comes = np.array([(4.3 - stamp, 0.0, RADIUS)])
+        ranges = lidar.scan(*laser.pose_at(HERE), comes[: number >= 30])
+        ranges += rng.normal(0.0, 0.003, len(ranges)).astype(np.float32)
+        slid_pose = (0.0, min(stamp, 1.5), 0.0)
+        monitor.add_scan(LaserScan(stamp, *limits, ranges, laser.pose_at(slid_pose)))
+        if number < 30:
+            tracked += len(tracker.movers.id)
     assert tracked == 0
+    verdict = monitor.filter(stamp, slid_pose, AT_REST, (0.5, 0.0))
+    assert verdict.reason == MOVER_COMES
 
 
 # -- one command -----------------------------------------------------------------------------------
