@@ -29,22 +29,18 @@ class WatchedLaser:
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
         movers: what moves.
+        tracker: tracker of its scans, for others that need what moves.
     """
 
-    def __init__(
-        self,
-        settings: MonitorSettings,
-        topic: str,
-        frame: Optional[str] = None,
-        tracker: Optional[MoverTracker] = None,
-    ):
+    def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
         self.topic = topic
         self.frame = frame
         self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
         limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
-        self.movers = CertainTracks(tracker or MoverTracker(*limits))
+        self.tracker = MoverTracker(*limits)
+        self.movers = CertainTracks(self.tracker)
         self.count = 0
         self.clear()
 
@@ -80,17 +76,11 @@ class Lasers:
     Args:
         settings: settings of the monitor.
         more_topics: names of further lasers' topics; that of the robot's first laser is "".
-        tracker: tracker of the first laser's scans, if others use it, too.
     """
 
-    def __init__(
-        self,
-        settings: MonitorSettings,
-        more_topics: Iterable[str],
-        tracker: Optional[MoverTracker] = None,
-    ):
+    def __init__(self, settings: MonitorSettings, more_topics: Iterable[str]):
         self._settings = settings
-        self._lasers = [WatchedLaser(settings, "", tracker=tracker)]
+        self._lasers = [WatchedLaser(settings, "")]
         for topic in more_topics:
             self._lasers.append(WatchedLaser(settings, topic))
 

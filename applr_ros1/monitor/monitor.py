@@ -38,7 +38,6 @@ from applr_ros1.monitor.stopping import (
     SafeScale,
     SeenCells,
 )
-from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.robots import JACKAL
 
 PASS = "pass"
@@ -159,7 +158,6 @@ class CollisionMonitor:
     Args:
         settings: settings of the base; None for the Jackal's.
         more_scans: topics of further lasers. Only the first laser corrects the pose (ScanMatcher).
-        tracker: tracker of the first laser's scans, if others use it, too.
 
     Attributes:
         fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
@@ -173,10 +171,7 @@ class CollisionMonitor:
     """
 
     def __init__(
-        self,
-        settings: Optional[MonitorSettings] = None,
-        more_scans: Iterable[str] = (),
-        tracker: Optional[MoverTracker] = None,
+        self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()
     ):
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
@@ -191,7 +186,7 @@ class CollisionMonitor:
         corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
         self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self.lasers = Lasers(self.settings, more_scans, tracker)
+        self.lasers = Lasers(self.settings, more_scans)
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
         self.matched_frame = MatchedFrame()

@@ -56,14 +56,14 @@ class Stack:
 
     def __init__(self, robot: Robot, move_base: MoveBase, *, monitor: bool, escapes: bool = True):
         self.move_base = move_base
-        self.prediction: Optional[Prediction] = None
-        tracker: Optional[MoverTracker] = None
-        if move_base.parameters["applr"]["movers"]:
-            self.prediction = Prediction(robot)
-            tracker = self.prediction.tracker
         self.monitor: Optional[CollisionMonitor] = None
+        tracker = MoverTracker.of(robot)
         if monitor:
-            self.monitor = CollisionMonitor(MonitorSettings.of(robot), tracker=tracker)
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
+            tracker = self.monitor.lasers.first.tracker
+        self.prediction: Optional[Prediction] = None
+        if move_base.parameters["applr"]["movers"]:
+            self.prediction = Prediction(robot, tracker)
         self.escapes = escapes
         self._matched_frame = robot.frames.matched
         self._command_chain = CommandChain()

@@ -31,7 +31,7 @@ from applr_ros1.monitor.stopping import (
     edge_points,
     half_planes,
 )
-from applr_ros1.movers.tracker import Movers, MoverTracker
+from applr_ros1.movers.tracker import Movers
 from sim_bridge.lidar import Lidar
 from tests.monitor.scenes import AT_REST, BODY, FRONT, HERE, SIDE, safe_scale_of
 from tests.monitor.test_ways import braking_distance, smallest_passing
@@ -245,8 +245,8 @@ def test_what_stands_moves_for_nobody_while_the_wheels_slip():
     walls = [(3.0, 0.0, 0.0, 0.2, 8.0), (0.0, 3.0, 0.0, 8.0, 0.2), (0.0, -3.0, 0.0, 8.0, 0.2)]
     lidar = Lidar(laser, [(1.5, 0.3, RADIUS)], np.array(walls))
     rng = np.random.default_rng(0)
-    tracker = MoverTracker.of(robot)
-    monitor = CollisionMonitor(MonitorSettings.of(robot), tracker=tracker)
+    monitor = CollisionMonitor(MonitorSettings.of(robot))
+    tracker = monitor.lasers.first.tracker
     tracked = 0
     for number in range(60):
         stamp = number * PERIOD
