@@ -7,10 +7,9 @@ from typing import Iterable, Iterator, List, Optional
 
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory
-from applr_ros1.monitor.moving import CertainTracks
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.movers.tracker import MoverTracker
+from applr_ros1.movers.tracker import NO_MOVERS, MoverTracker
 
 # Number of scans after which a laser belongs to the robot: if it falls silent, the robot stops.
 ESTABLISHED_SCANS = 50
@@ -28,8 +27,9 @@ class WatchedLaser:
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
-        movers: what moves.
-        tracker: tracker of its scans, for others that need what moves.
+        tracker: tracker of what moves in its scans.
+        movers: moving obstacles of the latest valid scan whose velocities are certain, in the
+            odometry's frame.
     """
 
     def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
@@ -40,7 +40,6 @@ class WatchedLaser:
         self.check = ScannerCheck()
         limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
         self.tracker = MoverTracker(*limits)
-        self.movers = CertainTracks(self.tracker)
         self.count = 0
         self.clear()
 
@@ -63,7 +62,8 @@ class WatchedLaser:
 
     def forget_tracks(self) -> None:
         """Forget what moves, because poses are corrected anew."""
-        self.movers.clear()
+        self.tracker.reset()
+        self.movers = NO_MOVERS
 
 
 class Lasers:

@@ -250,7 +250,9 @@ class CollisionMonitor:
         scan = laser.check.believed(scan)
         # In the odometry's frame, what stands would seem to move while the wheels slip. The matcher's
         # own frame may be off by metres among moving obstacles.
-        movers = laser.movers.update(scan, self.matched_frame.correction)
+        laser.tracker.frame = self.matched_frame.correction
+        movers = laser.tracker.update(scan).certain()
+        laser.movers = movers
         is_partial = len(movers.x) > 0
 
         # The first laser corrects the pose, before any point of the scan is stored.
@@ -467,10 +469,10 @@ class CollisionMonitor:
             if laser.stamp is None:
                 continue
             age = stamp - laser.stamp
-            movers = laser.movers.latest
-            if len(movers.x):
+            if len(laser.movers.x):
                 acceleration = self.settings.mover_acceleration
-                discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
+                planes = self._body.planes
+                discs.append(tracked_discs(laser.movers, planes, pose, age, acceleration))
         return np.concatenate(discs) if discs else NO_DISCS
 
     def _judge(

@@ -31,7 +31,8 @@ class Movers(NamedTuple):
 
     id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius
     of the disc [m]. covariance: (n, 3) variance of the position [m^2], covariance of position and
-    velocity [m^2/s], and variance of the velocity [m^2/s^2], along each axis.
+    velocity [m^2/s], and variance of the velocity [m^2/s^2], along each axis. is_certain: whether
+    the velocity is, or was, certain enough to act on.
     """
 
     id: np.ndarray
@@ -41,10 +42,18 @@ class Movers(NamedTuple):
     vy: np.ndarray
     radius: np.ndarray
     covariance: np.ndarray
+    is_certain: np.ndarray
+
+    def certain(self) -> Movers:
+        """Return those whose velocities are certain."""
+        return Movers(*(values[self.is_certain] for values in self))
 
 
 _NONE = np.empty(0)
-NO_MOVERS = Movers(np.empty(0, np.int64), _NONE, _NONE, _NONE, _NONE, _NONE, np.empty((0, 3)))
+_NO_NUMBER = np.empty(0, np.int64)
+_NO_COVARIANCE = np.empty((0, 3))
+_NO_ANSWER = np.empty(0, np.bool_)
+NO_MOVERS = Movers(_NO_NUMBER, _NONE, _NONE, _NONE, _NONE, _NONE, _NO_COVARIANCE, _NO_ANSWER)
 
 
 class MoverTracker:
@@ -217,6 +226,7 @@ class MoverTracker:
             vy=vy,
             radius=moving_tracks["radius"],
             covariance=np.column_stack(covariance),
+            is_certain=moving_tracks["certain"],
         )
 
 

@@ -14,7 +14,7 @@ from applr_ros1.movers.tracker import Movers
 
 STEP = (0.05, -0.02, 0.03)  # change of the matcher's correction by each scan
 ONE = np.ones(1)
-MOVER = Movers(ONE.astype(int), ONE, ONE, ONE, ONE, ONE, np.ones((1, 3)))
+MOVER = Movers(ONE.astype(int), ONE, ONE, ONE, ONE, ONE, np.ones((1, 3)), ONE > 0.0)
 NO_MOVER = Movers(*(values[:0] for values in MOVER))
 
 
@@ -30,7 +30,7 @@ def add_scan(monkeypatch):
         return True
 
     def add(movers=NO_MOVER):
-        monkeypatch.setattr(laser.movers, "update", lambda scan, correction: movers)
+        monkeypatch.setattr(laser.tracker, "update", lambda scan: movers)
         ranges = np.full(361, 3.0, np.float32)
         monitor.add_scan(LaserScan(next(stamps), -1.57, 0.0087, 0.1, 10.0, ranges, (0.0, 0.0, 0.0)))
 

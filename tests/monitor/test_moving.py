@@ -17,7 +17,6 @@ from applr_ros1.monitor.monitor import MOVER_COMES, PASS, CollisionMonitor
 from applr_ros1.monitor.moving import (
     DEVIATIONS,
     DISC,
-    CertainTracks,
     may_meet,
     tracked_discs,
     will_meet,
@@ -338,6 +337,7 @@ def test_discs_are_in_the_robots_frame_and_parts_of_the_robot_are_none():
         vy=0.5 * one,
         radius=0.3 * one,
         covariance=np.array([[0.1, 0.2, 0.3], [0.01, 0.02, 0.03]]),
+        is_certain=one > 0.0,
     )
     robot_pose = (1.0, 1.0, 0.5 * math.pi)
     (seen,) = tracked_discs(movers, BODY.planes, robot_pose, 0.1, 1.5)
@@ -346,37 +346,11 @@ def test_discs_are_in_the_robots_frame_and_parts_of_the_robot_are_none():
     assert (seen["acceleration"], seen["age"]) == (1.5, 0.1)
 
 
-class ScriptedTracker:
-    """Tracker that reports given tracks: their IDs, and standard deviations of their velocities."""
-
-    def __init__(self, *reports):
-        self.movers = self.tracks_of([], [])
-        self.reports = list(reports)
-
-    @staticmethod
-    def tracks_of(ids, deviations):
-        zeros = np.zeros(len(ids))
-        covariance = np.column_stack([zeros, zeros, np.square(deviations)])
-        return Movers(np.array(ids), zeros, zeros, zeros, zeros, zeros, covariance)
-
-    def reset(self):
-        pass
-
-    def update(self, scan):
-        return self.tracks_of(*self.reports.pop(0))
-
-
-def test_a_track_counts_once_its_velocity_was_certain():
-    tracks = CertainTracks(ScriptedTracker(([1, 2], [0.2, 0.4]), ([1, 2, 3], [0.4, 0.4, 0.2])))
-    assert tracks.update(None, HERE).id.tolist() == [1]
-    assert tracks.update(None, HERE).id.tolist() == [1, 3]
-
-
 def test_what_moves_is_not_matched_as_what_stands():
     ranges = np.array([1.0, 1.0, 2.0, 2.0, np.inf], np.float32)
     scan = LaserScan(0.0, 0.0, 0.3, 0.1, 5.0, ranges, (0.0, 1.0, 0.0))
     one = np.ones(1)
-    movers = Movers(one, 1.1 * one, one, one, one, 0.15 * one, np.zeros((1, 3)))
+    movers = Movers(one, 1.1 * one, one, one, one, 0.15 * one, np.zeros((1, 3)), one > 0.0)
     unmatched = without_movers(scan, movers).ranges
     assert np.isnan(unmatched).tolist() == [True, True, False, False, False]
     assert (unmatched[2:] == ranges[2:]).all()

@@ -34,7 +34,8 @@ class Perfect:
     def movers(self):
         """Return the rows as tracked obstacles."""
         x, y, vx, vy, radius = np.array(self.rows, dtype=float).reshape(-1, 5).T
-        return Movers(np.arange(len(x)), x, y, vx, vy, radius, np.zeros((len(x), 3)))
+        covariance = np.zeros((len(x), 3))
+        return Movers(np.arange(len(x)), x, y, vx, vy, radius, covariance, radius > 0.0)
 
     def update(self, scan):
         """Return the rows, whatever the scan."""

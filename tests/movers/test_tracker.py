@@ -12,6 +12,7 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
+from applr_ros1.movers.tracks import CERTAIN_M_S
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 
@@ -391,6 +392,16 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
     # Otherwise it may be dark, and is extrapolated.
     open_watched = Scene(boxes=wall).watch(3.0, movers=vanishes)
     assert 1.7 <= times_with_movers(open_watched)[-1] <= 1.8
+
+
+def test_a_velocity_that_was_once_certain_stays_so():
+    """The obstacle passes behind a wall, where its velocity is no longer measured."""
+    wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
+    watched = Scene(boxes=wall).watch(3.0, movers=lambda time: [(2.5, -1.2 + 1.2 * time, 0.25)])
+    known = [movers for _, movers in watched if len(movers.id)]
+    deviations = [math.sqrt(movers.covariance[0, 2]) for movers in known]
+    assert deviations[0] <= CERTAIN_M_S < deviations[-1]
+    assert [len(movers.certain().id) for movers in known] == [1] * len(known)
 
 
 @pytest.mark.parametrize("range_max", [30.0, 5.6, math.inf])
