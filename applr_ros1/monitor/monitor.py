@@ -170,9 +170,7 @@ class CollisionMonitor:
         matched_frame: frame of corrected poses for planners.
     """
 
-    def __init__(
-        self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()
-    ):
+    def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
         self._body = BodyOutline.of(outline, self.settings.margin)
@@ -248,8 +246,8 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
-        # In the odometry's frame, what stands would seem to move while the wheels slip. The matcher's
-        # own frame may be off by metres among moving obstacles.
+        # In the odometry's frame, what stands would seem to move while the wheels slip. Among moving
+        # obstacles, the matcher's own frame may be off by metres.
         laser.tracker.frame = self.matched_frame.correction
         movers = laser.tracker.update(scan).certain()
         laser.movers = movers

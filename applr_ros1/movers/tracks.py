@@ -91,7 +91,8 @@ AVERAGED_S = 0.5  # averaging time of the position of a static track [s]
 LARGEST_SHARE = 0.5  # largest share of one position in this average
 SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 # Largest standard deviation of a velocity that is certain [m/s]. Moving obstacles in full view have
-# 0.16 to 0.26 m/s. Static clusters that are seen in parts, and seem to move for a moment, have more.
+# 0.16 to 0.26 m/s. Static clusters that are seen in parts, and seem to move for a moment, have
+# more.
 CERTAIN_M_S = 0.28
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]

@@ -236,7 +236,7 @@ def test_a_base_at_rest_lets_a_mover_pass_and_then_drives_on():
 def test_what_stands_moves_for_nobody_while_the_wheels_slip():
     """The robot stands in a room with a post. Its odometry slides sideways at 1 m/s for 1.5 s.
 
-    The tracker is the one that predicts for the costmaps. What comes afterwards is seen where it is.
+    The tracker also predicts for the costmaps. What comes afterwards is seen where it is.
     """
     robot = ROBOTS["jackal"]
     laser = robot.laser

@@ -33,8 +33,8 @@ class Comparison:
         in_view: Time for which obstacles should be tracked, summed over obstacles [s].
         known: Part of it for which they are [s].
         position, velocity: Errors of these tracks [m, m/s].
-        tracked, wrong, uncertain: Number of tracks in all scans, of those without an obstacle, and of
-            those whose velocity was never certain.
+        tracked, wrong, uncertain: Number of tracks in all scans, of those without an obstacle, and
+            of those whose velocity was never certain.
     """
 
     def __init__(self, robot, name):
