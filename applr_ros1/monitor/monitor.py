@@ -246,8 +246,8 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
-        # In the odometry's frame, what stands would seem to move while the wheels slip. The frame of
-        # the matcher may be off by metres among moving obstacles.
+        # In the odometry's frame, what stands would seem to move while the wheels slip. In the
+        # matcher's, poses may be off by metres among moving obstacles.
         laser.tracker.frame = self.matched_frame.correction
         movers = laser.tracker.update(scan).certain()
         laser.movers = movers
