@@ -209,14 +209,6 @@ def test_the_first_third_of_a_metre_of_the_plan_counts():
         assert backs_out((0.0, 0.0, 0.0), points) == leads_back
 
 
-def test_without_a_plan_it_backs_out():
-    rule = StallRule(JACKAL)
-    for time in range(9):
-        context = replace(scene(float(time)), plan=np.zeros((0, 2)))
-        theta = rule.instead(SET, context, SPACE.theta0)
-    assert is_backing_out(theta)
-
-
 def test_a_robot_without_a_plan_does_not_stand_in_a_dead_end():
     """It goes on backing out, for which it has up to 8 s, although it has not moved yet."""
     rule = StallRule(JACKAL)
