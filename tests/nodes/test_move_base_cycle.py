@@ -46,15 +46,16 @@ def test_feedback_has_the_pose_if_it_is_known(pose, monkeypatch):
 
 
 def test_refusals_of_the_first_blocked_cycle_are_kept_until_they_are_reported(monkeypatch):
-    node, messages = lone_node(monkeypatch, robot="jackal")
+    node, ros = lone_node(monkeypatch, robot="jackal")
     node.move_base.step.return_value = Cycle(controlled=True)
     node.move_base.local_planner.refusals.side_effect = [{}, {"samples": 3}, {"samples": 4}]
     # Four cycles, of which the second is followed by no report
-    monkeypatch.setattr(node.reports, "is_due", MagicMock(side_effect=[True, False, True, True]))
+    is_due = iter([True, False, True, True])
+    monkeypatch.setattr(node.reports, "is_due", lambda now: next(is_due))
     for _ in range(4):
         node.cycle(NOW)
     problems = []
-    for message in messages["/diagnostics"]:
+    for message in ros.published["/diagnostics"]:
         (status,) = message.status
         if status.name.endswith(": samples that critics refused"):
             values = {value.key: value.value for value in status.values}
@@ -114,7 +115,8 @@ def test_diagnostics_report_odometry_that_contradicts_the_pose():
 
 
 def test_cycles_that_were_missed_are_counted():
-    loop = ControlLoop(*[MagicMock()] * 5)
+    # When a cycle is due depends on none of its collaborators.
+    loop = ControlLoop(*[None] * 5)
     due_time = rospy.Time.from_sec(100.0)
     # A cycle that is later than its period of 0.05 s begins a new phase, and the others are lost.
     for delay, missed_cycles, seconds_to_next in (
