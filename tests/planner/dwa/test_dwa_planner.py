@@ -32,6 +32,7 @@ ORIGIN = (0, 0, 0)
 AT_REST = (0, 0, 0)
 AHEAD = [(0, 0), (1, 0)]  # plan
 
+
 def small_map():
     """Return a map of 3 x 3 m around the origin."""
     return open_map(60, 60, origin=(-1.5, -1.5), foot=BURGER_FOOT)
