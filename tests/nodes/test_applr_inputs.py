@@ -168,6 +168,12 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
 
 
+def test_a_node_that_starts_after_a_goal_was_sent_takes_the_end_of_its_plan(beside):
+    beside.status("one")
+    beside.plan(5.0)
+    assert beside.snapshot().seen.goal == (5.0, 0.0, 0.0)
+
+
 def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
     beside.goal("one", 5.0)
     beside.wait(1.9)

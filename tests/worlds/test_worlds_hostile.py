@@ -2,6 +2,9 @@
 execute no code.
 """
 
+import os
+
+import numpy as np
 import pytest
 
 import worlds
@@ -48,6 +51,23 @@ def test_sealed_worlds_have_no_passage(tmp_path):
         seal += cylinder(-4.425 + 0.15 * column, 7.425, name=f"seal_{column}")
     sealed_world = as_barn(world).replace("</world>", seal + "</world>")
     refused(write_world(tmp_path, sealed_world, cells=path), "no passage")
+
+
+class Evil:
+    """Object whose pickle makes a file when it is read."""
+
+    def __reduce__(self):
+        return os.system, ("touch evil-was-here",)
+
+
+def test_a_pickle_in_place_of_a_path_is_not_loaded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # numpy would unpickle an array of objects if it were allowed to.
+    cells = np.array([Evil(), Evil()], dtype=object)
+    text = as_barn(worlds.load("generated:7"))
+    world_file = write_world(tmp_path, text, cells=cells)
+    refused(world_file, "path_7.npy: cannot be read")
+    assert not os.path.exists("evil-was-here")
 
 
 def test_an_invalid_course_in_a_file_is_one_line(tmp_path):
