@@ -26,7 +26,7 @@ from applr_ros1.robots import Robot
 from applr_ros1.robots.check import SIGHT_S, crossed_limits
 from applr_ros1.robots.geometry import box_outline
 from applr_ros1.robots.robot import SpaceParameter, Target
-from applr_ros1.why.factors import other_values
+from applr_ros1.why.factors import values_to_try
 from training.attempts.usual_values import (
     COSTMAPS,
     UNUSUAL,
@@ -252,7 +252,7 @@ def _factored(places: GroupedPlaces, groups: Iterable[PlaceGroup]) -> Iterator[C
     """Yield other values of parameters, whether they are usual or not."""
     for group in groups:
         first = group[0]
-        for value in other_values(first.declared, first.value):
+        for value in values_to_try(first.declared, first.value):
             yield Candidate(places.changed(group, value))
 
 
