@@ -127,11 +127,8 @@ def content_of_worlds(worlds: Sequence[TrialWorld]) -> str:
         course = world.course
         for part in (world.cylinders, world.boxes, course.path):
             digest.update(part.tobytes())
-        digest.update(repr((name, course.start, course.goal, world.movers)).encode())
-        if course.planner_ends:
-            # Only these worlds are marked, so that evaluations of all others can be continued that
-            # began before planner_ends had an effect.
-            digest.update(b"the planner's word")
+        values = (name, course.start, course.goal, course.planner_ends, world.movers)
+        digest.update(repr(values).encode())
     return digest.hexdigest()
 
 

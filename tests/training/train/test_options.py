@@ -212,9 +212,6 @@ def test_the_frame_of_the_costmaps_is_a_condition_that_a_resumed_run_keeps(tmp_p
         assert parse(resume).matched == matched
         with pytest.raises(ApplrError, match="matched: the run in .* has another value"):
             parse([*resume, opposite])
-    # A run of a version without the option drove in the odometry's frame.
-    (tmp_path / "config.json").write_text(json.dumps(stored))
-    assert not parse(resume).matched
 
 
 @pytest.mark.parametrize("option", ["--decision-period", "--failure-seconds"])

@@ -430,8 +430,6 @@ def _resumed(explicit: Dict[str, Any]) -> TrainConfig:
         for name, value in read_json(path).items():
             if name in TrainConfig.model_fields:  # Not the provenance
                 stored[name] = value
-    # Runs of older versions drove in the odometry's frame.
-    stored.setdefault("matched", False)
     original = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **explicit, "out": out})
     for name in FIXED:
