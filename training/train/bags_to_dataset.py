@@ -46,8 +46,6 @@ class DatasetOptions(BagOptions):
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
         "Namespace of move_base in the bags, whose goals are read.")
-    applr: str = option(TopicNames.applr,
-        "Namespace of the applr node in the bags, whose decisions are read.")
     # fmt: on
 
 
