@@ -138,14 +138,6 @@ def settings(
         if methods.USER_METHOD.match(specification):
             source = inspect.getsourcefile(type(method))
             described[name]["source_sha256"] = sha256(read_bytes(source)) if source else ""
-    names = []
-    specifications = []
-    with_movers = []
-    for name, specification, world in worlds:
-        names.append(name)
-        specifications.append(specification)
-        if world.movers:
-            with_movers.append(name)
     # The worlds depend on the robot and the protocol: those are named first if they differ.
     return {
         "robot": {
@@ -158,9 +150,9 @@ def settings(
         },
         **options.model_dump(include=CONDITIONS),
         "ground": robot.simulation.ground,
-        "worlds": names,
-        "world_specs": specifications,
-        "worlds_with_movers": with_movers,
+        "worlds": [listed.name for listed in worlds],
+        "world_specs": [listed.specification for listed in worlds],
+        "worlds_with_movers": [listed.name for listed in worlds if listed.world.movers],
         "worlds_sha256": content_of_worlds(worlds),
         "methods": described,
     }

@@ -30,8 +30,8 @@ from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
 from applr_ros1.stack.simulated import SimulatedRobot
+from training.attempts.loaded import loadable_space, move_base_parameters
 from training.env.settings import CHALLENGE, TrialSettings, under
-from training.evaluate.loaded import loadable_space, move_base_parameters
 from training.evaluate.trial import POLICY, Result, Trial
 from training.workers.collect import policy_layers
 from worlds import World

@@ -36,7 +36,7 @@ from training.train.td3.td3 import ACTOR_LR, TAU
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
         (
             ["--recipe", "jackal", "--robot", "turtlebot3_burger", *NO_EVALUATION],
-            "static: there is no .*/static.json: give --init-from dwa, or first run `./applr tune",
+            "static: there is no .*/static.json: choose the method dwa, or run `./applr tune ",
         ),
         (["--init-from", "nope.safetensors", *NO_EVALUATION], "nope.safetensors: cannot be read"),
         (["--init-from", "nope", *NO_EVALUATION], "--init-from is 'nope': give static, dwa, "),

@@ -26,8 +26,8 @@ from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.geometry import radius
 from tests.support import scenes
 from tests.support.pages import data_of
+from training.attempts.loaded import move_base_parameters
 from training.evaluate import evaluation
-from training.evaluate.loaded import move_base_parameters
 from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import TrialTable
