@@ -846,17 +846,6 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
     with pytest.raises(ApplrError, match=line):
         dataset_of(config)
 
-    run_options.append("--no-critics-know-more")
-    line = "lowest is True, but the dataset .*data was driven with False: give the same"
-    config = config_of(run_options)
-    with pytest.raises(ApplrError, match=line):
-        dataset_of(config)
-
-    # Only its size is left to refuse.
-    run_options.append("--no-lowest")
-    with pytest.raises(ApplrError, match="5 transitions, from which no policy learns"):
-        dataset_of(config_of(run_options))
-
 
 def zeros(ranges, k):
     """Return 0 for beams without a return, as some lasers do, and only zeros between the third and

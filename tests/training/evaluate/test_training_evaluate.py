@@ -17,7 +17,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from applr_ros1.common.errors import ApplrError
@@ -28,7 +27,6 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, lines_with, runs
 from tests.support.drives import driven
 from tests.support.robots import make_weights
-from training.common.command_line import parsed
 from training.env.settings import TrialSettings
 from training.evaluate import __main__ as evaluate
 from training.evaluate import runner
@@ -333,17 +331,6 @@ def test_out_must_be_a_folder(tmp_path, refused):
     assert file.read_text() == "a bag"
 
 
-def test_a_table_is_read_as_pandas_reads_it(tmp_path):
-    plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
-    with TrialTable(tmp_path, {"seed": 0}) as table:
-        for task in plan:
-            table.add(task, Result(time_s=1.0, contact_speed=0.3))
-    table_file = tmp_path / "trials.csv"
-    as_pandas_reads = pd.read_csv(table_file, keep_default_na=False)
-    as_we_read = read_trials(table_file)
-    pd.testing.assert_frame_equal(as_pandas_reads, as_we_read, check_dtype=False)
-
-
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
     (tmp_path / "bad.json").write_text("{}")
     arguments = command(tmp_path, chosen=f"dwa,{tmp_path}/bad.json")
@@ -375,11 +362,6 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     for word in words:
         assert word in error, error
     assert not (tmp_path / "o" / "trials.csv").exists()
-
-
-def test_ros_arguments_are_ignored():
-    words = ["--trials", "3", "__name:=evaluate", "__log:=/x.log"]
-    assert parsed(EvaluationOptions, "evaluate.py", "", words).trials == 3
 
 
 # -- methods ---------------------------------------------------------------------------------------

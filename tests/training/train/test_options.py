@@ -15,7 +15,7 @@ from tests.support.robots import make_weights
 from tests.support.runs import NO_EVALUATION, one_line, toy
 from training.train import __main__ as train
 from training.train.learner.config import TrainConfig, parse
-from training.train.td3.td3 import ACTOR_LR, TAU
+from training.train.td3.td3 import ACTOR_LR, CRITIC_WARM_UP, TAU
 
 
 @pytest.mark.fault("23a")
@@ -63,12 +63,6 @@ def test_a_start_that_is_refused_leaves_the_files_of_an_existing_folder(tmp_path
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_out_must_be_a_folder(tmp_path, capsys):
-    (tmp_path / "run").write_text("a file")
-    arguments = toy(tmp_path / "run", *NO_EVALUATION)
-    one_line(capsys, arguments, "run: a file, not a folder; give another folder", train.main)
-
-
 def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
     # Options of the command line take precedence over the file.
     recipe_file = tmp_path / "own.yaml"
@@ -99,6 +93,7 @@ def test_defaults_and_noise_are_the_documented_ones():
     assert paper.critic_lr == 1e-3
     assert ACTOR_LR == 3e-4
     assert TAU == 0.005
+    assert CRITIC_WARM_UP == 2000
 
     # The noise falls over 3.84 of the paper's 5 million steps, and over that share of other runs.
     assert paper.noise(0) == 0.5

@@ -376,19 +376,6 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
     assert has_moved == [False, False, True]
 
 
-def test_the_critic_warm_up_lasts_2000_updates():
-    source = TD3(5, 2, TD3Options(net_arch=[8]), seed=1)
-    td3 = TD3(5, 2, TD3Options(net_arch=[8]), seed=2)
-    td3.begin_with(source.actor_weights())
-    td3.updates = 1999
-    has_moved = []
-    # The policy is updated in every second update.
-    for _ in range(3):
-        td3.update(_batch(np.random.default_rng(0), 8, 5, 2))
-        has_moved.append(not np.array_equal(first_weight(td3), first_weight(source)))
-    assert has_moved == [False, False, True]
-
-
 def test_only_critics_receive_the_hidden_numbers():
     """The policy has no weights for the hidden numbers, and the critics' values depend on them."""
     hidden_count = 3
