@@ -149,18 +149,11 @@ def _described(name: str, mean: np.ndarray, best: ContextFit, space: Space) -> D
         best: Fit of the context.
         space: Parameter space of the robot.
     """
-    parameters = space.as_dict(best.theta)
-    rounded = {parameter: round(value, 3) for parameter, value in parameters.items()}
-    v_error, w_error = best.rms_v_w
-    print(
-        f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f}), "
-        f"rms error of commands {v_error:.2f} m/s, {w_error:.2f} rad/s, "
-        f"{best.replays} sets tried on {best.instants} instants; best parameters: {rounded}"
-    )
+    print(f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f})")
     log_entry = {
         "name": name,
         "features": dict(zip(segmentation.FEATURES, mean.round(3).tolist())),
-        "parameters": parameters,
+        "parameters": space.as_dict(best.theta),
         **vars(best),
     }
     del log_entry["theta"]  # The same values as the parameters

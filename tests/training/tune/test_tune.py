@@ -467,7 +467,11 @@ def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
         # 20 optimal times of 5 s, for a contact as for a failure
         ("fast", {"success": False, "time_s": 60.0}, 100.0),
         ("fast", {"collided": True}, 100.0),
-        ("fast", {"time_s": 40.0, "mean_clearance_m": 0.1, "mean_jerk": 9.0, "mean_turn": 2.0}, 40.0),
+        (
+            "fast",
+            {"time_s": 40.0, "mean_clearance_m": 0.1, "mean_jerk": 9.0, "mean_turn": 2.0},
+            40.0,
+        ),
         # A tenth of a width of clearance below three widths
         ("careful", {"mean_clearance_m": 2.9 * WIDTH}, 12.0 + 5.0 * 0.1 * 60.0),
         ("careful", {"mean_jerk": 6.0, "mean_turn": 2.0}, 12.0),
