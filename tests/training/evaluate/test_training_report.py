@@ -523,14 +523,3 @@ def test_report_of_one_method_and_one_world(tmp_path):
 def test_nothing_to_report_is_one_line(tmp_path):
     with pytest.raises(ApplrError, match="no trials"):
         write(tmp_path)
-
-
-def test_clearance_of_a_world():
-    world = load_world("generated:7")
-    foremost_post = np.argmin(world.cylinders[:, 1])
-    post_x, post_y, radius = world.cylinders[foremost_post]
-    far_away = (-2.25, 12.0)
-    near_the_post = (post_x, post_y - radius - 0.35)
-    far_clearance, near_clearance = clearance(world, np.array([far_away, near_the_post]))
-    assert far_clearance > 1.0
-    assert near_clearance == pytest.approx(0.35)
