@@ -64,7 +64,7 @@ def connect() -> Any:
         os.close(null_device)
 
 
-def clear(client: Any, step: float) -> None:
+def empty(client: Any, step: float) -> None:
     """Remove everything from a client's scene except the ground. `step` is the physics step [s]."""
     client.resetSimulation()
     client.setGravity(0, 0, -GRAVITY)

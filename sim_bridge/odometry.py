@@ -43,7 +43,7 @@ class Odometry:
         self._rate = 0.0
         self._turned = self.pose[2] - true_yaw
 
-    def update(
+    def integrate(
         self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float
     ) -> None:
         """Integrate one step of dead reckoning.

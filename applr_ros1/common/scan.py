@@ -364,7 +364,7 @@ class ObservationBuffer:
         self.clouds: List[PointCloud] = []
         self.taken: Optional[float] = None
 
-    def take(self, cloud: PointCloud, now: float) -> None:
+    def add_cloud(self, cloud: PointCloud, now: float) -> None:
         """Add a cloud at time `now` [s], and drop clouds older than observation_persistence.
 
         With a persistence of 0, the latest cloud of each sensor is kept: several may publish before

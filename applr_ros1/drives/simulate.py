@@ -152,7 +152,7 @@ class CourseDrive:
         self._record_planner(simulated.cycle())
         state = simulated.state
         self._began = state.time
-        self.stall.update(0.0, *state.pose[:2], state.twist[0])
+        self.stall.add_position(0.0, *state.pose[:2], state.twist[0])
         simulated.send_goal()
         recorder = self._recorder
         recorder.moved(0.0, state.pose, state.twist)
@@ -257,7 +257,7 @@ class CourseDrive:
                 break
         self._period_count += 1
         state = self.simulated.state
-        has_stalled = self.stall.update(self.seconds, *state.pose[:2], state.twist[0])
+        has_stalled = self.stall.add_position(self.seconds, *state.pose[:2], state.twist[0])
         if not self.has_ended:
             self._end(self.rules.judge_period(self.period, self._period_count, has_stalled))
         goal = self.world.course.goal

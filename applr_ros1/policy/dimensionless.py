@@ -174,7 +174,7 @@ class DimensionlessEncoding(Encoding):
         defaults = [_default(tree, robot.local_planner, output_name) for output_name in OUTPUTS]
         self._defaults = np.array(defaults, dtype=np.float64)
         self._description = _description(robot, tree, self.width, resolution)
-        self.reset()
+        self.forget_decision()
 
     def to_metadata(self) -> Dict[str, Any]:
         """Return version, period and base, which do not depend on the robot."""
@@ -187,18 +187,18 @@ class DimensionlessEncoding(Encoding):
             raise ApplrError(f"its observation is {metadata['observation']}: {VERSION} is needed")
         return cls(robot, period_of(metadata), metadata["base"])
 
-    def reset(self) -> None:
+    def forget_decision(self) -> None:
         """Forget the previous decision at the start of a course."""
         self._previous: Optional[Tuple[np.ndarray, Context]] = None  # scan entries and Context
 
-    def action(self, theta: Any) -> np.ndarray:
+    def action_of(self, theta: Any) -> np.ndarray:
         """Return the action (12,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
         output_values = self._defaults.copy()
         for theta_index, output_index in self._places:
             output_values[output_index] = theta[theta_index]
         return self._scale.encode(output_values)
 
-    def theta(self, action: Any) -> np.ndarray:
+    def parameters_of(self, action: Any) -> np.ndarray:
         """Return the parameters (n,) for an action (12,).
 
         They may leave the robot's ranges, and counts are not rounded.
@@ -212,7 +212,7 @@ class DimensionlessEncoding(Encoding):
             theta[theta_index] = output_values[output_index]
         return theta
 
-    def observe(self, context: Context) -> np.ndarray:
+    def observation_of(self, context: Context) -> np.ndarray:
         """Return the observation (SIZE,) float32, and keep scan and context for the next one."""
         scan = self._scan(context.ranges)
         # At the first decision, nothing has changed.

@@ -105,7 +105,7 @@ class Pilot:
         Raises what the method raises, which may be user code. The course has begun nevertheless.
         """
         self.misses = 0
-        self._stall_rule.reset(seed)
+        self._stall_rule.begin_course(seed)
         self.method.period = self.period  # The observation may depend on the period.
         self.method.reset(seed)
 

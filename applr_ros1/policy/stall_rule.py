@@ -63,11 +63,11 @@ class StallRule:
         self.count = 0
         self._encoding = DimensionlessEncoding(robot, PERIOD)
         self._stuck = Stuck(robot.world_scale)
-        self.reset(0)
+        self.begin_course(0)
 
-    def reset(self, seed: int) -> None:
+    def begin_course(self, seed: int) -> None:
         """Forget the positions at the start of a course, and seed the draws."""
-        self._stuck.reset()
+        self._stuck.forget_poses()
         self._draws = np.random.default_rng([seed, SEED])
         self._end()
 
@@ -84,7 +84,7 @@ class StallRule:
         """
         plan_leads_back = _leads_back(context)
         v, _ = context.twist
-        is_stuck = self._stuck.update(context.time, context.pose, v, plan_leads_back)
+        is_stuck = self._stuck.add_decision(context.time, context.pose, v, plan_leads_back)
         if not is_stuck or not method.redraws_stalled:
             self._end()
             return None
@@ -121,7 +121,7 @@ class StallRule:
         space = self._encoding.space
         action = self._draws.uniform(-1.0, 1.0, self._encoding.actions)
         distance = self._draws.uniform(*BACKING_M)
-        drawn_parameters = dict(zip(space.names, self._encoding.theta(action)))
+        drawn_parameters = dict(zip(space.names, self._encoding.parameters_of(action)))
         drawn_values = {name: drawn_parameters[name] for name in self._encoding.chosen}
         # Only TrajectoryPlannerROS backs out.
         if backs_out and "escape_reset_dist" in space.names:

@@ -52,7 +52,7 @@ def course(
     `ahead`, and else back.
     """
     rule = rule or StallRule(robot)
-    rule.reset(seed)
+    rule.begin_course(seed)
     theta = space_of(robot).theta0
     replaced = []
     for time in range(32):
@@ -105,7 +105,7 @@ def test_a_method_with_the_same_seed_draws_others():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
     rng = np.random.default_rng(3)
     action = rng.uniform(-1.0, 1.0, encoding.actions)
-    theta = encoding.theta(action)
+    theta = encoding.parameters_of(action)
     drawn = course(seed=3)[8]
     assert drawn[MAX_VEL_X] != theta[MAX_VEL_X]
 
@@ -118,7 +118,7 @@ def test_the_distance_backwards_is_between_half_a_metre_and_one():
 
 def test_parameters_are_drawn_on_both_sides_of_the_middle():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
-    middle_theta = encoding.theta(np.zeros(encoding.actions))
+    middle_theta = encoding.parameters_of(np.zeros(encoding.actions))
     speeds = [course(seed)[8][MAX_VEL_X] for seed in range(20)]
     assert min(speeds) < middle_theta[MAX_VEL_X] < max(speeds)
 
@@ -292,9 +292,9 @@ def test_distance_and_speed_of_a_stall_scale_with_the_robot():
     for scale, stalled in ((1.0, False), (2.0, True)):
         stall = Stall(scale)
         for second in range(9):
-            is_stalled = stall.update(float(second), 0.2 * second, 0.0, 0.0)
+            is_stalled = stall.add_position(float(second), 0.2 * second, 0.0, 0.0)
         assert is_stalled is stalled
-        assert stall.update(9.0, 1.6, 0.0, 0.8) is stalled
+        assert stall.add_position(9.0, 1.6, 0.0, 0.8) is stalled
         # It is 1.4 m away from its place 8 s ago, of 1.7 m that the large robot needs.
         expected_share = pytest.approx(1.4 / 1.7) if stalled else 1.0
         assert stall.share == expected_share

@@ -233,14 +233,14 @@ def _states(
         raise Skipped("shorter than one decision")
 
     states: List[State] = []
-    encoding.reset()
+    encoding.forget_decision()
     for decision_count, moment in enumerate(moments):
         decision = moment.decision
         theta_before = _theta(encoding, decision.before)
         theta_after = _theta(encoding, decision.after or decision.before)
         context = Context.of(theta_before, moment.seen, encoding.space, encoding.layout)
         outcome = Outcome(theta_before, decisions=decision_count)
-        observation = encoding.observe(context)
+        observation = encoding.observation_of(context)
         states.append(State(moment, theta_after, observation, outcome))
         if decision_count:
             # Only the last decision of a course leads to the goal's result.
@@ -249,7 +249,7 @@ def _states(
             states[-1].outcome = _outcome(recorded.drive, encoding.robot, result, *states[-2:])
         if moment.is_end:
             # The encoding remembers earlier observations, which a new course must not see.
-            encoding.reset()
+            encoding.forget_decision()
     return states
 
 
@@ -394,7 +394,7 @@ def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Traject
     stood = 0
     outcome = run[0].outcome
     for before, after in zip(run, run[1:]):
-        actions.append(encoding.action(before.theta))
+        actions.append(encoding.action_of(before.theta))
         outcome = after.outcome
         # A recorded drive may take longer than a trial: nothing is left of the limit then.
         limit = max(Rules().periods(encoding.period), outcome.decisions)

@@ -131,7 +131,9 @@ class CollisionMonitorNode:
             with self._lock:
                 try:
                     self._take_scans()
-                    self._broadcaster.update(self._clock.now, self.monitor.matched_frame.correction)
+                    self._broadcaster.broadcast(
+                        self._clock.now, self.monitor.matched_frame.correction
+                    )
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)

@@ -313,7 +313,7 @@ class Observer:
         rospy.Subscriber(odometry_topic, Odometry, self._on_odometry, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, self.load.take, queue_size=50)
+        rospy.Subscriber("/diagnostics", DiagnosticArray, self.load.read_diagnostics, queue_size=50)
 
     def parts(self) -> Iterator[Tuple[str, Callable[[], Any]]]:
         """Yield (name, function that returns whether the part is up) in the order of the start."""

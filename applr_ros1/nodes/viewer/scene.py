@@ -242,9 +242,9 @@ class ViewerScene:
             # A hidden costmap takes its messages, too, so that it is complete once it is shown.
             message = self._listener.news(topic, OccupancyGrid)
             if message is not None:
-                costmap.take(message)
+                costmap.replace_map(message)
             for update in self._listener.fresh(topic + "_updates", OccupancyGridUpdate):
-                costmap.update(update)
+                costmap.patch_map(update)
             if self.layers[costmap_name].visible:
                 costmap.draw(self._listener)
 

@@ -158,7 +158,7 @@ class DrawnCostmap:
         clear_image = np.zeros((1, 1, 4), np.uint8)
         self.handle = scene.add_image(name, clear_image, 1.0, 1.0, cast_shadow=False)
 
-    def take(self, message: Any) -> None:
+    def replace_map(self, message: Any) -> None:
         """Replace the costmap by a nav_msgs/OccupancyGrid."""
         self._info = message.info
         self._frame = message.header.frame_id
@@ -166,7 +166,7 @@ class DrawnCostmap:
         shape = (message.info.height, message.info.width)
         self._cells = np.array(message.data, np.int8).reshape(shape)
 
-    def update(self, message: Any) -> None:
+    def patch_map(self, message: Any) -> None:
         """Apply a map_msgs/OccupancyGridUpdate."""
         # An update may be for a map that has not arrived yet.
         if self._cells is None:

@@ -93,8 +93,9 @@ class StopRotate:
     def __init__(self, params: Mapping[str, Any], period: float, latches: bool):
         self._period = period
         self._latches = latches
+        self.rotating = False  # turning phase
+        self.latched = False
         self.reconfigure(params)
-        self.reset()
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Apply the server's parameter values {name: value}."""
@@ -104,13 +105,11 @@ class StopRotate:
             float(np.float32(params[limit_name])) for limit_name in ACCELERATION_LIMITS
         ]
 
-    def reset(self) -> None:
-        """Clear the latch and the turning phase. A new plan clears only the latch."""
-        self.rotating = False
-        self.latched = False
-
     def new_plan(self) -> None:
-        """Clear the latch, so that the goal's position must be reached again."""
+        """Clear the latch, so that the goal's position must be reached again.
+
+        The turning phase goes on.
+        """
         self.latched = False
 
     def is_position_reached(self, pose: Triple, goal: Triple) -> bool:
@@ -215,15 +214,6 @@ class DWALocalPlanner(LocalPlanner):
         self.stop_rotate = StopRotate(params, control_period, params["latch_xy_goal_tolerance"])
         self._params = dict(params)
         self.stored_plan = LocalPlan()
-        self.reset()
-
-    def reset(self) -> None:
-        """Clear plan, latch, turning phase and the planner's flags, for a new training episode.
-
-        Parameters stay.
-        """
-        self.planner.reset()
-        self.stop_rotate.reset()
         self.set_plan(NO_POSES)
         self._forget_cycle()
 

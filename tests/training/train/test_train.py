@@ -146,7 +146,7 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
     )
     learner = Learner(layout, options, tmp_path, 50)
     for number in range(12):
-        learner.take(episode(layout, number, 10))
+        learner.add_trajectory(episode(layout, number, 10))
         while learner.updates_due:
             learner.update()
         learner.save()

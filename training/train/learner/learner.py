@@ -105,7 +105,7 @@ class Learner:
         self._saved = self.replay.written
 
     # -- taking ------------------------------------------------------------------------------------
-    def take(self, trajectory: Trajectory) -> None:
+    def add_trajectory(self, trajectory: Trajectory) -> None:
         """Add an actor's trajectory.
 
         Transitions after learning_starts make gradient steps due.
