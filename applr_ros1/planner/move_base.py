@@ -483,7 +483,7 @@ class MoveBase:
             ParameterError: a value is invalid. All values are rejected.
         """
         old_values = self._config[server]
-        new_values = self._config.request(server, values)
+        new_values = self._config.result_of(server, values)
         changed_names = {name for name in new_values if new_values[name] != old_values[name]}
         # The planner may refuse, so it is asked before anything is changed.
         if server == self.local_planner_name:

@@ -20,8 +20,8 @@ import numpy as np
 from applr_ros1.common.angles import inverse, transform_motions
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy.decision import Context, period_of
 from applr_ros1.policy.encoding import PAPER, Encoding, PaperEncoding
 from applr_ros1.policy.layout import TURN_RAD, Layout
@@ -220,7 +220,7 @@ class DimensionlessEncoding(Encoding):
         self._previous = scan, context
         entries = [
             self._motion(context, previous),
-            self.action(context.theta),
+            self.action_of(context.theta),
             self._description,
             self._movers(context),
         ]

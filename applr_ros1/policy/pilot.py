@@ -154,7 +154,7 @@ class Pilot:
         Raises what the method raises, and ApplrError if its parameters are not finite.
         """
         theta = self.method.theta(context)
-        redrawn = self._stall_rule.instead(self.method, context, theta)
+        redrawn = self._stall_rule.redraw(self.method, context, theta)
         clears_costmaps = self._stall_rule.clears_costmaps
         if redrawn is None:
             choice = self._chosen(theta, clears_costmaps)

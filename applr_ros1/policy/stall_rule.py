@@ -77,7 +77,7 @@ class StallRule:
         self._last_clearing = -math.inf  # time of the last clearing of the costmaps [s]
         self.clears_costmaps = False
 
-    def instead(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
+    def redraw(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
         """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these.
 
         The Pilot clips them, and orders the smallest and the largest speed.

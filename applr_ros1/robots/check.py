@@ -18,7 +18,6 @@ from pydantic import ValidationError
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import did_you_mean, remedy_of, shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import (
@@ -31,6 +30,7 @@ from applr_ros1.planner.parameters.declarations import (
 from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers, section_in_files
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import ParameterError
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import geometry
 from applr_ros1.robots.parameter_files import observation_sources, too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter, Target

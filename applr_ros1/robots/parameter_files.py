@@ -12,9 +12,9 @@ from typing import Any, Callable, Dict, Iterator, Tuple
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError, shown
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.robots.file_kinds import kind_of
 
 # Sections below move_base that have files of their own

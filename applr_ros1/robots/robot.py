@@ -18,11 +18,11 @@ from typing_extensions import Annotated, Literal
 
 from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.errors import ApplrError, did_you_mean, shown
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.obstacle_range import seeing
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.robots.parameter_files import nested, of_move_base
 
 FILE = "robot.yaml"

@@ -82,7 +82,7 @@ class StalledPlanner:
         """True from the first escape motion until the planner's commands have passed for a time."""
         return self._escape.is_held
 
-    def instead(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
+    def escape_motion(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
         """Return the escape motion (v [m/s], w [rad/s]) to drive, or None to keep the command.
 
         Args:
@@ -106,7 +106,7 @@ class StalledPlanner:
         if self._has_stood and not is_standing:
             self._escape.give_way()
         self._has_stood = is_standing
-        motion = self._escape.instead(now, is_standing)
+        motion = self._escape.motion(now, is_standing)
         return None if self._escape.is_exhausted else motion
 
 
@@ -123,7 +123,7 @@ class CommandChain:
 
     def escape(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
         """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
-        return None if self.escapes is None else self.escapes.instead(now, command, progress)
+        return None if self.escapes is None else self.escapes.escape_motion(now, command, progress)
 
     def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
         """Return the verdict on a planner's command, or on the escape motion that replaces it."""

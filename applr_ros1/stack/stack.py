@@ -151,7 +151,8 @@ class Stack:
         if cycle.command is None:
             return self._break_silence(monitor, now, pose, twist, cycle)
         self._command_time = now
-        verdict = self._supervise(monitor, now, pose, twist, cycle.command)
+        motion = self._command_chain.escape(now, cycle.command, self._progress_now)
+        verdict = self._judged(monitor, now, pose, twist, cycle.command, motion)
         return Step(cycle, verdict, verdict.command)
 
     def _break_silence(
@@ -184,13 +185,6 @@ class Stack:
         # The simulated robot has one laser, whose source comes first.
         scan_topic = next(iter(self.move_base.sources))
         return {scan_topic: scan, PREDICTED: self.prediction.add_scan(scan)}
-
-    def _supervise(
-        self, monitor: CollisionMonitor, now: float, pose: Pose, twist: Twist, command: Twist
-    ) -> Verdict:
-        """Return the verdict on the planner's command, or on an escape motion in its place."""
-        motion = self._command_chain.escape(now, command, self._progress_now)
-        return self._judged(monitor, now, pose, twist, command, motion)
 
     def _judged(
         self,

@@ -7,10 +7,10 @@ import pytest
 
 import sim_bridge
 import worlds
-from applr_ros1.common.trees import merged
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.pilot import Pilot

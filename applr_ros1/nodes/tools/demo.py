@@ -448,7 +448,7 @@ class Observer:
 
     def _on_contact(self, message: Bool) -> None:
         if message.data and self._recorder is not None and self._latest is not None:
-            self._recorder.touched(self._latest.time - self.began)
+            self._recorder.contacts.append(self._latest.time - self.began)
 
     def _on_parameters(self, message: Parameters) -> None:
         # The applr node repeats the parameters every second.

@@ -10,7 +10,6 @@ import math
 from typing import Any, Dict, Iterator, List, Set, Tuple
 
 from applr_ros1.common.errors import did_you_mean, shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, DATA_TYPES, STATIC_COSTMAP
 from applr_ros1.planner.parameters.declarations import (
     CONTRADICTIONS,
@@ -40,6 +39,7 @@ from applr_ros1.planner.parameters.parameter import (
     by_name,
     too_many_points,
 )
+from applr_ros1.planner.parameters.trees import branch
 
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import (
     costmap_parameters,
     dwa_planner_parameters,
@@ -40,6 +39,7 @@ from applr_ros1.planner.parameters.trajectory_planner_parameters import (
     STATIC_TRAJECTORY_PLANNER,
     TRAJECTORY_PLANNER,
 )
+from applr_ros1.planner.parameters.trees import branch
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")

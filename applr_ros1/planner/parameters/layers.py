@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 from applr_ros1.common.errors import shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
     INFLATION,
     OBSTACLES,
@@ -18,6 +17,7 @@ from applr_ros1.planner.parameters.costmap_parameters import (
     STATIC_STATIC_MAP,
 )
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
+from applr_ros1.planner.parameters.trees import branch
 
 COSTMAPS = ("global_costmap", "local_costmap")
 

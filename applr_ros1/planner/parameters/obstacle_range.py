@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, List, NamedTuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
@@ -21,6 +20,7 @@ from applr_ros1.planner.parameters.layers import (
     section_in_files,
 )
 from applr_ros1.planner.parameters.parameter import by_name
+from applr_ros1.planner.parameters.trees import branch
 
 NAME = "obstacle_range"
 DECLARED = by_name(STATIC_SOURCE)[NAME]

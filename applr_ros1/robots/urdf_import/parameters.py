@@ -16,11 +16,11 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Set, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, STATIC_LAYER, layers
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.robots.check import crossing_outlines
 from applr_ros1.robots.parameter_files import (
     PLACES,

@@ -14,10 +14,10 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.scan import observe
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import shapes_at_start
 from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOVERY
+from applr_ros1.planner.parameters.trees import branch
 from tests.support.robots import ToyRobot, ring, run
 
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
