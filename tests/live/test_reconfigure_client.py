@@ -256,11 +256,11 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
 @pytest.mark.fault("2")
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     pilot = Pilot(FixedParameters(SPACE.theta0), JACKAL)
-    assert applied(client, pilot.limited(np.full(len(SPACE), 1e9)))
+    assert applied(client, pilot.space.clip(np.full(len(SPACE), 1e9)))
     assert np.array_equal(client.theta(), SPACE.high)
     theta = THETA_0.copy()
     theta[:4] = -1e9, 0.5, 6.9, 20.4
-    assert applied(client, pilot.limited(theta))
+    assert applied(client, pilot.space.clip(theta))
     # max_vel_x has a lower bound of 0.2 m/s; vx_samples and vtheta_samples are whole numbers.
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
 

@@ -429,7 +429,9 @@ def test_a_place_that_the_robot_has_left_is_forgotten():
         is_stuck = stuck.add_decision(float(time), (0.0, 0.0, 0.0), 0.0, leads_back=True)
     assert is_stuck
     assert not stuck.add_decision(3.0, (-0.9, 0.0, 0.0), -0.5, leads_back=True)
-    assert not stuck.add_decision(4.0, (-0.2, 0.0, 0.0), 0.2, leads_back=True), "it passes there again"
+    assert not stuck.add_decision(4.0, (-0.2, 0.0, 0.0), 0.2, leads_back=True), (
+        "it passes there again"
+    )
 
 
 def test_a_robot_that_is_held_while_it_backs_out_drives_instead():

@@ -294,7 +294,7 @@ class ApplrNode:
             **{name: counts.get(name, 0) for name in COUNTS},
             "method": self.method.name if supervisor.enabled else "off",
             "driving": supervisor.in_force,
-            "stalls": supervisor.pilot.stalled_decisions,
+            "stalls": supervisor.pilot.stall_rule.count,
             "max_speed": f"{supervisor.pilot.max_speed:g}",
             "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
             "goal": supervisor.goal or "none",

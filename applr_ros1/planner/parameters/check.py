@@ -22,11 +22,9 @@ from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
     FOUND_ABOVE,
     INHERITED,
-    OBSTACLE_LAYER,
     arranged,
-    layers,
+    observation_sources,
     replaced,
-    sources,
 )
 from applr_ros1.planner.parameters.move_base_parameters import (
     BEHAVIOUR,
@@ -88,8 +86,7 @@ def _risks(tree: Dict[str, Any]) -> Iterator[str]:
         if frame.startswith("/"):
             problem = f"{label} is {frame}: Noetic's tf2 refuses frames that begin with a slash"
             yield f"{problem}, give {frame.strip('/')}"
-    observing_layers = layers("local_costmap", branch(tree, "local_costmap"), OBSTACLE_LAYER)
-    if not any(sources(branch(tree, layer.path)) for layer in observing_layers):
+    if not list(observation_sources("local_costmap", branch(tree, "local_costmap"))):
         problem = "local_costmap has no observation source"
         yield f"{problem}: the robot will not detect obstacles, give a source"
 
@@ -101,11 +98,8 @@ def _frames(tree: Dict[str, Any]) -> Dict[str, str]:
         section = branch(tree, costmap)
         frames[f"{costmap}/robot_base_frame"] = str(section.get("robot_base_frame", "base_link"))
         frames[f"{costmap}/global_frame"] = str(section.get("global_frame", "map"))
-        for layer in layers(costmap, section, OBSTACLE_LAYER):
-            layer_section = branch(tree, layer.path)
-            for source in sources(layer_section):
-                sensor_frame = branch(layer_section, source).get("sensor_frame", "")
-                frames[f"{layer.path}/{source}/sensor_frame"] = str(sensor_frame)
+        for source in observation_sources(costmap, section):
+            frames[f"{source.path}/sensor_frame"] = str(source.values.get("sensor_frame", ""))
     return frames
 
 
@@ -326,12 +320,10 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
 
     # Sources of messages that can be read
     for name in COSTMAPS:
-        for layer in layers(name, full[name], OBSTACLE_LAYER):
-            for source in sources(branch(full, layer.path)):
-                source_path = f"{layer.path}/{source}"
-                data_type = branch(full, source_path)["data_type"]
-                if data_type not in DATA_TYPES:
-                    yield f"{source_path}/data_type is {data_type}: give {' or '.join(DATA_TYPES)}"
+        for source in observation_sources(name, full[name]):
+            data_type = source.values["data_type"]
+            if data_type not in DATA_TYPES:
+                yield f"{source.path}/data_type is {data_type}: give {' or '.join(DATA_TYPES)}"
 
 
 def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:

@@ -39,7 +39,6 @@ from applr_ros1.planner.parameters.trajectory_planner_parameters import (
     STATIC_TRAJECTORY_PLANNER,
     TRAJECTORY_PLANNER,
 )
-from applr_ros1.planner.parameters.trees import branch
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
@@ -164,7 +163,7 @@ def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
             layer_type = TYPES[layer.kind]
             declared_sections[layer.path] = layer_type.live + layer_type.static
             if layer.kind == OBSTACLE_LAYER:
-                for source in sources(branch(costmap, layer.name)):
+                for source in sources(layer.values):
                     declared_sections[f"{layer.path}/{source}"] = STATIC_SOURCE
     return declared_sections
 

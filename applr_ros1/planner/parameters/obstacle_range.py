@@ -53,9 +53,8 @@ def laser_sources(tree: Dict[str, Any]) -> List[LaserSource]:
     full = arranged(tree)
     for costmap in COSTMAPS:
         for layer in layers(costmap, branch(full, costmap), OBSTACLE_LAYER):
-            section = branch(full, layer.path)
-            for source_name in marking_lasers(section):
-                obstacle_range = section[source_name].get(NAME, DECLARED.default)
+            for source_name in marking_lasers(layer.values):
+                obstacle_range = layer.values[source_name].get(NAME, DECLARED.default)
                 if not DECLARED.reads(obstacle_range):
                     obstacle_range = DECLARED.default  # as roscpp; parameters.check warns
                 path = f"{layer.path}/{source_name}"
