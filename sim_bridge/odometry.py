@@ -35,7 +35,7 @@ class Odometry:
         self._rate = 0.0  # filtered yaw rate [rad/s]
         self._turned = 0.0  # rotation of frame odom relative to the world [rad]
 
-    def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
+    def place(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
         """Set the pose (x, y, yaw) in frame odom of a robot whose true yaw is `true_yaw` [rad]."""
         self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]

@@ -185,7 +185,7 @@ class MoveBase:
         if seed is not None:
             self._seed = seed
         if restore:
-            self._config.restore()
+            self._config.restore_start_up()
             self._outlines.clear()
         self._build()
 

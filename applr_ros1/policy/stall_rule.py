@@ -67,7 +67,7 @@ class StallRule:
 
     def begin_course(self, seed: int) -> None:
         """Forget the positions at the start of a course, and seed the draws."""
-        self._stuck.forget_poses()
+        self._stuck.forget_decisions()
         self._draws = np.random.default_rng([seed, SEED])
         self._end()
 
@@ -99,7 +99,7 @@ class StallRule:
             phase = self._begin(context.time, leads_back, is_first=True)
         elif phase.leads_back != leads_back:
             phase = self._begin(context.time, leads_back, is_first=leads_back)
-        elif phase.has_ended(context.time, v, self._stuck.stands):
+        elif phase.is_over(context.time, v, self._stuck.stands):
             phase = self._begin(context.time, leads_back, is_first=not phase.is_first)
         if not phase.values:
             return None
@@ -149,7 +149,7 @@ class _Phase:
         self._began = began
         self._has_driven_back = False
 
-    def has_ended(self, time: float, v: float, stands: bool) -> bool:
+    def is_over(self, time: float, v: float, stands: bool) -> bool:
         """Return whether the phase is over.
 
         Args:

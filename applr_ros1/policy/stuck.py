@@ -56,9 +56,9 @@ class Stall:
 
     def __init__(self, scale: float):
         self.required = STALL_DISTANCE_M * scale
-        self.forget_poses()
+        self.forget_positions()
 
-    def forget_poses(self) -> None:
+    def forget_positions(self) -> None:
         """Forget all positions at the start of a course."""
         self.share = 1.0
         # Time [s], x [m] and y [m] of the latest decisions
@@ -142,11 +142,11 @@ class Stuck:
     def __init__(self, scale: float):
         self._stall = Stall(scale)
         self._dead_end = DeadEnd(scale)
-        self.forget_poses()
+        self.forget_decisions()
 
-    def forget_poses(self) -> None:
+    def forget_decisions(self) -> None:
         """Forget all positions at the start of a course."""
-        self._stall.forget_poses()
+        self._stall.forget_positions()
         self._dead_end.forget_poses()
         self._begin_place: Optional[Tuple[float, float]] = None  # place at which it got stuck [m]
 

@@ -201,7 +201,7 @@ class Laser(Section):
         """True if the last beam is next to the first one, up to half a beam."""
         return self.view[1] - self.view[0] + 1.5 * self.increment >= 2.0 * pi
 
-    def pose_at(self, base: Pose) -> Pose:
+    def pose_for(self, base: Pose) -> Pose:
         """Return the pose (x, y, yaw) of the scanner if the base frame is at a pose."""
         x_in_base, y_in_base, yaw_in_base = self.pose
         x, y = transform_point(base, x_in_base, y_in_base)

@@ -101,7 +101,7 @@ def ride(robot, scene, seconds=4.0, **changes):
             break
         if cycle % scan_cycles == 0:
             discs = [(*centre, RADIUS) for centre in centres]
-            sensor_pose = laser.pose_at(pose)
+            sensor_pose = laser.pose_for(pose)
             scan = LaserScan(
                 time,
                 laser.first_angle,
@@ -241,7 +241,7 @@ def test_what_stands_moves_only_in_the_odometrys_frame_while_the_wheels_slip():
     limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
     walls = [(3.0, 0.0, 0.0, 0.2, 8.0), (0.0, 3.0, 0.0, 8.0, 0.2), (0.0, -3.0, 0.0, 8.0, 0.2)]
     lidar = Lidar(laser, [(1.5, 0.3, RADIUS)], np.array(walls))
-    true_ranges = lidar.scan(*laser.pose_at((0.0, 0.0, 0.0)))
+    true_ranges = lidar.scan(*laser.pose_for((0.0, 0.0, 0.0)))
     rng = np.random.default_rng(0)
     monitor = CollisionMonitor(MonitorSettings.of(robot))
     (watched,) = monitor.lasers
@@ -250,7 +250,7 @@ def test_what_stands_moves_only_in_the_odometrys_frame_while_the_wheels_slip():
     for number in range(30):
         stamp = number * PERIOD
         ranges = true_ranges + rng.normal(0.0, 0.003, len(true_ranges))
-        slid_pose = laser.pose_at((0.0, 0.5 * stamp, 0.0))
+        slid_pose = laser.pose_for((0.0, 0.5 * stamp, 0.0))
         monitor.add_scan(LaserScan(stamp, *limits, ranges, slid_pose))
         suspects += len(watched.suspects.latest.id)
         movers += len(watched.movers.latest.id)

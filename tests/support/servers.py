@@ -18,7 +18,7 @@ class RunningServer:
     def has_set(self, request):
         return all(self.values[name] == value for name, value in request.items())
 
-    def set(self, request):
+    def begin_call(self, request):
         self.values.update(request)
 
     def value_of(self, target):

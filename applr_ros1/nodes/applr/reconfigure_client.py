@@ -140,7 +140,7 @@ class ServerClient:
         """
         return not self._is_restarted and are_in_force(request, self.values)
 
-    def set(self, request: Mapping[str, Any]) -> None:
+    def begin_call(self, request: Mapping[str, Any]) -> None:
         """Begin a call that sets a request's values. The former call must have ended."""
         self.call = called(self._set, dict(request))
 
@@ -397,7 +397,7 @@ class ReconfigureClient:
             requests = self._requests(self._sent)
             for server, request in requests:
                 if server.call.done() and not server.has_set(request):
-                    server.set(request)
+                    server.begin_call(request)
             wait([server.call for server, _ in requests], seconds)
 
             errors = []

@@ -311,14 +311,14 @@ class Observer:
         rospy.Subscriber(
             "/sim_bridge/ground_truth",
             Odometry,
-            lambda message: self.moved(reading_of(message)),
+            lambda message: self.take_motion(reading_of(message)),
             queue_size=50,
         )
         odometry_topic = _topic(values["odom_topic"], robot.topics.odometry)
         rospy.Subscriber(
             odometry_topic,
             Odometry,
-            lambda message: self.localised(reading_of(message)),
+            lambda message: self.take_odometry(reading_of(message)),
             queue_size=50,
         )
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
@@ -438,13 +438,13 @@ class Observer:
         are_connected = all(endpoint.get_num_connections() > 0 for endpoint in endpoints)
         return STATUS in self._up and are_connected
 
-    def moved(self, reading: Reading) -> None:
+    def take_motion(self, reading: Reading) -> None:
         """Take the robot's true motion."""
         self._latest = reading
         if self._recorder is not None:
             self._recorder.moved(reading.time - self.began, reading.pose, reading.twist)
 
-    def localised(self, reading: Reading) -> None:
+    def take_odometry(self, reading: Reading) -> None:
         """Take the robot's motion by odometry."""
         self._odometry = reading
         if self._recorder is not None:

@@ -33,7 +33,7 @@ class LocalPlan:
     def __init__(self) -> None:
         self.poses = NO_POSES
 
-    def set(self, plan: np.ndarray) -> None:
+    def store(self, plan: np.ndarray) -> None:
         """Store a plan (n, 3) x, y [m], yaw [rad]. n may be 0."""
         self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
 
@@ -247,7 +247,7 @@ class DWALocalPlanner(LocalPlanner):
     def set_plan(self, plan: np.ndarray) -> None:
         """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
         # DWAPlannerROS::setPlan clears the latch and the oscillation flags with each new plan.
-        self.stored_plan.set(plan)
+        self.stored_plan.store(plan)
         self.planner.clear_flags()
         self.stop_rotate.new_plan()
         self.goal_reached = False

@@ -34,9 +34,9 @@ class Configuration:
             self._declared[server] = by_name(declaration.parameters)
             start_values[server] = {name: section[name] for name in self._declared[server]}
         self.start_up = Settings(start_values)
-        self.restore()
+        self.restore_start_up()
 
-    def restore(self) -> None:
+    def restore_start_up(self) -> None:
         """Restore the start-up values of all servers."""
         self.current = self.start_up
 

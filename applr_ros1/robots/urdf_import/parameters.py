@@ -110,7 +110,7 @@ class Parameters:
         """Values of the local planner in the files."""
         return branch(self.tree, namespace(str(self.full["base_local_planner"])))
 
-    def footprint(self) -> np.ndarray:
+    def outline(self) -> np.ndarray:
         """Return the unpadded footprint (n, 2) [m] in the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
