@@ -143,7 +143,7 @@ class Policy(_FromFile):
         """
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
-        return self.encoding.parameters_of(self.action(self.encoding.observation_of(context)))
+        return self.encoding.theta(self.action(self.encoding.observe(context)))
 
     def predict(
         self,

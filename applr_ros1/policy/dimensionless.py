@@ -191,14 +191,14 @@ class DimensionlessEncoding(Encoding):
         """Forget the previous decision at the start of a course."""
         self._previous: Optional[Tuple[np.ndarray, Context]] = None  # scan entries and Context
 
-    def action_of(self, theta: Any) -> np.ndarray:
+    def action(self, theta: Any) -> np.ndarray:
         """Return the action (12,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
         output_values = self._defaults.copy()
         for theta_index, output_index in self._places:
             output_values[output_index] = theta[theta_index]
         return self._scale.encode(output_values)
 
-    def parameters_of(self, action: Any) -> np.ndarray:
+    def theta(self, action: Any) -> np.ndarray:
         """Return the parameters (n,) for an action (12,).
 
         They may leave the robot's ranges, and counts are not rounded.
@@ -212,7 +212,7 @@ class DimensionlessEncoding(Encoding):
             theta[theta_index] = output_values[output_index]
         return theta
 
-    def observation_of(self, context: Context) -> np.ndarray:
+    def observe(self, context: Context) -> np.ndarray:
         """Return the observation (SIZE,) float32, and keep scan and context for the next one."""
         scan = self._scan(context.ranges)
         # At the first decision, nothing has changed.
@@ -220,7 +220,7 @@ class DimensionlessEncoding(Encoding):
         self._previous = scan, context
         entries = [
             self._motion(context, previous),
-            self.action_of(context.theta),
+            self.action(context.theta),
             self._description,
             self._movers(context),
         ]

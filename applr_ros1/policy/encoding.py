@@ -147,21 +147,21 @@ class Encoding:
     def forget_decision(self) -> None:
         """Forget the previous decision at the start of a course."""
 
-    def observation_of(self, context: Context) -> np.ndarray:
+    def observe(self, context: Context) -> np.ndarray:
         """Return the observation (size,) float32 of a decision.
 
         Raises ObservationError as observation.observe does.
         """
         raise NotImplementedError
 
-    def parameters_of(self, action: Any) -> np.ndarray:
+    def theta(self, action: Any) -> np.ndarray:
         """Return the parameters (n,) for an action (actions,), which the Pilot clips.
 
         Raises ApplrError for NaN, infinity and another length.
         """
         raise NotImplementedError
 
-    def action_of(self, theta: Any) -> np.ndarray:
+    def action(self, theta: Any) -> np.ndarray:
         """Return the action (actions,) in [-1, 1] that encodes parameters (n,)."""
         raise NotImplementedError
 
@@ -215,15 +215,15 @@ class PaperEncoding(Encoding):
                 )
         return cls(robot, period_of(metadata), layout=Layout.from_dict(metadata["layout"]))
 
-    def observation_of(self, context: Context) -> np.ndarray:
+    def observe(self, context: Context) -> np.ndarray:
         """Return the observation of a Context."""
         return context.observation
 
-    def parameters_of(self, action: Any) -> np.ndarray:
+    def theta(self, action: Any) -> np.ndarray:
         """Return the parameters (n,): space.chosen from the action, the others by default."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
-    def action_of(self, theta: Any) -> np.ndarray:
+    def action(self, theta: Any) -> np.ndarray:
         """Return the action for parameters (n,).
 
         Values beyond the ranges, which a user may set, are clipped.

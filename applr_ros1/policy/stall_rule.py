@@ -121,7 +121,7 @@ class StallRule:
         space = self._encoding.space
         action = self._draws.uniform(-1.0, 1.0, self._encoding.actions)
         distance = self._draws.uniform(*BACKING_M)
-        drawn_parameters = dict(zip(space.names, self._encoding.parameters_of(action)))
+        drawn_parameters = dict(zip(space.names, self._encoding.theta(action)))
         drawn_values = {name: drawn_parameters[name] for name in self._encoding.chosen}
         # Only TrajectoryPlannerROS backs out.
         if backs_out and "escape_reset_dist" in space.names:

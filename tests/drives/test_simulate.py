@@ -260,7 +260,7 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     assert move_base.scans[1].sensor_pose == pytest.approx((0.0, 0.055, NORTH), abs=0.01)
 
     context = context_of(course_drive)
-    observation = PaperEncoding(JACKAL).observation_of(context)
+    observation = PaperEncoding(JACKAL).observe(context)
     assert observation.shape == (729,)
     assert observation[720] == pytest.approx(context.phi / math.pi)
 
@@ -629,7 +629,7 @@ def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
         """Return x, y, vx, vy of three moving obstacles, as the observation has them."""
         course_drive = begun(simulated, replace(straight(), movers=movers), period=0.5)
         driven(course_drive, most=3)
-        observation = encoding.observation_of(context_of(course_drive, encoding.layout))
+        observation = encoding.observe(context_of(course_drive, encoding.layout))
         return observation[-12:].reshape(3, 4)
 
     nobody = [1.0, 0.0, 0.0, 0.0]

@@ -128,7 +128,7 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
             read_context = Context.of(THETA_0, read_inputs, SPACE, encoding.layout)
             sent_context = Context.of(THETA_0, sent_inputs, SPACE, encoding.layout)
             np.testing.assert_array_equal(
-                encoding.observation_of(read_context), encoding.observation_of(sent_context)
+                encoding.observe(read_context), encoding.observe(sent_context)
             )
 
 

@@ -91,18 +91,16 @@ def outputs(robot: Robot, scenes: Arrays) -> Arrays:
     """
     encoding = DimensionlessEncoding(robot, PERIOD)
     # In force are the parameters as the Pilot clips them.
-    thetas = np.array(
-        [encoding.space.clip(encoding.parameters_of(action)) for action in scenes["actions"]]
-    )
+    thetas = np.array([encoding.space.clip(encoding.theta(action)) for action in scenes["actions"]])
     current_thetas = np.vstack([encoding.space.theta0, thetas[:-1]])
-    actions = [encoding.action_of(theta) for theta in thetas]
+    actions = [encoding.action(theta) for theta in thetas]
 
     # Observations have memory: their order is that of the course.
     encoding.forget_decision()
     observations = []
     for index in range(SCENES):
         context = _context(encoding, scenes, index, current_thetas[index])
-        observations.append(encoding.observation_of(context))
+        observations.append(encoding.observe(context))
 
     rewards = []
     for reward in REWARDS:

@@ -80,19 +80,19 @@ def test_actions_encode_parameters(robot):
     encoding = DimensionlessEncoding(robot, PERIOD)
     rng = np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
-        theta = encoding.space.clip(encoding.parameters_of(action))
+        theta = encoding.space.clip(encoding.theta(action))
         # Default bounds contain the parameters of every action.
         if robot in WIDE:
             assert_comes_back(encoding, action, theta)
     without_numbers = np.full(len(OUTPUTS), np.nan)
-    refused(lambda: encoding.parameters_of(without_numbers), "finite")
+    refused(lambda: encoding.theta(without_numbers), "finite")
 
 
 def assert_comes_back(encoding, action, theta):
     """The action of the parameters is the one that chose them, where no bound or rounding did."""
     space = encoding.space
     is_free = (theta > space.low + 1e-9) & (theta < space.high - 1e-9)
-    encoded_action = encoding.action_of(theta)
+    encoded_action = encoding.action(theta)
     for index, name in enumerate(OUTPUTS):
         # Counts of samples are rounded, and inflation_radius has another range than its output.
         if "samples" in name or "inflation" in name or name not in space.names:
@@ -109,8 +109,8 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
     for seed in range(3):
         scene = context(robot, np.random.default_rng(seed))
         mirrored_scene = context(robot, np.random.default_rng(seed), side=-1.0)
-        observation = encoding.observation_of(scene)
-        mirrored = mirror_encoding.observation_of(mirrored_scene)
+        observation = encoding.observe(scene)
+        mirrored = mirror_encoding.observe(mirrored_scene)
         assert observation.shape == (SIZE,)
         assert np.abs(observation).max() <= 1.0
         np.testing.assert_allclose(
@@ -120,7 +120,7 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
         )
 
     encoding.forget_decision()
-    first_observation = encoding.observation_of(context(robot, np.random.default_rng(5)))
+    first_observation = encoding.observe(context(robot, np.random.default_rng(5)))
     # Without a previous decision the scan is repeated.
     np.testing.assert_array_equal(
         first_observation[: SIZE // 4],
@@ -160,7 +160,7 @@ def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
     mover_left = (0.0, 3.0 / length, 0.0, 1.0 / max_speed)
     # 8 m away, where positions are capped
     mover_right = (0.0, -1.0, 0.3 / max_speed, -0.3 / max_speed)
-    observed = encoding.observation_of(scene)[-MOVERS:]
+    observed = encoding.observe(scene)[-MOVERS:]
     np.testing.assert_allclose(
         observed,
         [*mover_ahead, *mover_left, *mover_right],
@@ -168,14 +168,14 @@ def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
     )
 
     empty_scene = replace(scene, movers=np.empty((0, 4)))
-    observed_alone = encoding.observation_of(empty_scene)[-MOVERS:]
+    observed_alone = encoding.observe(empty_scene)[-MOVERS:]
     np.testing.assert_array_equal(observed_alone, [1.0, 0.0, 0.0, 0.0] * 3)
 
 
 def test_a_scene_of_twice_the_size_gives_the_same_observation():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
     scene = context(JACKAL, np.random.default_rng(0))
-    observation = encoding.observation_of(scene)[:SCAN]
+    observation = encoding.observe(scene)[:SCAN]
     layout = encoding.layout
     encoding.layout = replace(
         layout,
@@ -183,7 +183,7 @@ def test_a_scene_of_twice_the_size_gives_the_same_observation():
         range_cap=2 * layout.range_cap,
         lookahead=1.0,
     )
-    of_larger_scene = encoding.observation_of(replace(scene, ranges=2.0 * scene.ranges))[:SCAN]
+    of_larger_scene = encoding.observe(replace(scene, ranges=2.0 * scene.ranges))[:SCAN]
     np.testing.assert_allclose(observation, of_larger_scene, atol=1e-6)
 
 
@@ -224,7 +224,7 @@ def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
     assert set(encoding.chosen) == {*JACKAL_CHOSEN, "sim_time"}
     # The lowest action leaves it at the value of the Jackal's file.
-    theta = encoding.parameters_of(np.full(len(OUTPUTS), -1.0))
+    theta = encoding.theta(np.full(len(OUTPUTS), -1.0))
     assert encoding.space.as_dict(theta)["min_vel_x"] == 0.1
 
 

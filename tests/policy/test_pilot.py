@@ -65,7 +65,7 @@ def test_actions_of_one_policy_drive_each_robot_within_its_ranges(robot_name):
     method = Chooses()
     pilot = Pilot(method, robot)
     for action in rng.uniform(-1.0, 1.0, (50, encoding.actions)):
-        method.chosen = encoding.parameters_of(action)
+        method.chosen = encoding.theta(action)
         theta = pilot.decide(scene(0.0, v=1.0, robot=robot, way=AHEAD)).theta
         assert np.array_equal(space.clip(theta), theta)
 

@@ -140,7 +140,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
             "max_vel_x is 'fast': give a number",
         ),
         (
-            lambda: DRAWN.encoding.parameters_of(DRAWN.action(np.full(729, np.nan, np.float32))),
+            lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))),
             "not finite",
         ),
         (
@@ -347,7 +347,7 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
     # One observation by itself; its action chooses the paper's eight parameters.
     action = actor.action(observations[0])
     np.testing.assert_allclose(action, actions[0], atol=1e-5)
-    theta = actor.encoding.parameters_of(action)
+    theta = actor.encoding.theta(action)
     whole_action = [*action, *[0] * (len(SPACE) - 8)]
     np.testing.assert_array_equal(theta[:8], SPACE.to_theta(whole_action)[:8])
     np.testing.assert_array_equal(theta[8:], THETA_0[8:])
@@ -620,5 +620,5 @@ def test_a_loaded_policy_predicts_its_methods_decision(name):
     unwrapped = environment.unwrapped
     course_drive = unwrapped.course_drive
     theta = method.theta(unwrapped.pilot.observe(course_drive.theta, course_drive.seen))
-    np.testing.assert_allclose(unwrapped.encoding.parameters_of(action), theta, rtol=1e-6)
+    np.testing.assert_allclose(unwrapped.encoding.theta(action), theta, rtol=1e-6)
     assert unwrapped.course_drive.period == method.period

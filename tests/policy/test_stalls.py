@@ -105,7 +105,7 @@ def test_a_method_with_the_same_seed_draws_others():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
     rng = np.random.default_rng(3)
     action = rng.uniform(-1.0, 1.0, encoding.actions)
-    theta = encoding.parameters_of(action)
+    theta = encoding.theta(action)
     drawn = course(seed=3)[8]
     assert drawn[MAX_VEL_X] != theta[MAX_VEL_X]
 
@@ -118,7 +118,7 @@ def test_the_distance_backwards_is_between_half_a_metre_and_one():
 
 def test_parameters_are_drawn_on_both_sides_of_the_middle():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
-    middle_theta = encoding.parameters_of(np.zeros(encoding.actions))
+    middle_theta = encoding.theta(np.zeros(encoding.actions))
     speeds = [course(seed)[8][MAX_VEL_X] for seed in range(20)]
     assert min(speeds) < middle_theta[MAX_VEL_X] < max(speeds)
 

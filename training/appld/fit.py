@@ -178,7 +178,7 @@ def fit(parts: Sequence[DemonstrationStretch], evaluations: int, seed: int) -> C
 
     encoding = PaperEncoding(parts[0].robot)
     theta0 = encoding.space.theta0
-    default_action = encoding.action_of(theta0)
+    default_action = encoding.action(theta0)
     default_loss = loss(parts, theta0)
     best_fit = ContextFit(
         theta=theta0.copy(),
@@ -195,7 +195,7 @@ def fit(parts: Sequence[DemonstrationStretch], evaluations: int, seed: int) -> C
         candidates = strategy.ask()
         penalised_losses = []
         for candidate in candidates:
-            theta = encoding.parameters_of(candidate)
+            theta = encoding.theta(candidate)
             candidate_loss = loss(parts, theta)
             # Sets that drive alike are kept near the defaults.
             distance = float(np.mean((candidate - default_action) ** 2))

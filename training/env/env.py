@@ -164,13 +164,13 @@ class ApplrEnv(gymnasium.Env):
         info["reward"] = reward_terms
         info["action"] = action
         if choice.why == STALL:
-            info["action"] = self.encoding.action_of(outcome.theta).astype(np.float32)
+            info["action"] = self.encoding.action(outcome.theta).astype(np.float32)
         return self._observation(course_drive), float(reward), terminated, truncated, info
 
     def _observation(self, course_drive: CourseDrive) -> np.ndarray:
         context = self.pilot.observe(course_drive.theta, course_drive.seen)
         self._context = context
-        policy_inputs = self.encoding.observation_of(context)
+        policy_inputs = self.encoding.observe(context)
         if not self.layout.hidden:
             return policy_inputs
         hidden_inputs = privileged.privileged(course_drive, self.encoding.scale)
@@ -213,7 +213,7 @@ class ActionMethod(Method):
 
     @override
     def theta(self, context: Optional[Context]) -> Array:
-        return self.encoding.parameters_of(self.action)
+        return self.encoding.theta(self.action)
 
 
 def _with_hidden_inputs(layout: TransitionLayout) -> TransitionLayout:

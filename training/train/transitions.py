@@ -240,7 +240,7 @@ def _states(
         theta_after = _theta(encoding, decision.after or decision.before)
         context = Context.of(theta_before, moment.seen, encoding.space, encoding.layout)
         outcome = Outcome(theta_before, decisions=decision_count)
-        observation = encoding.observation_of(context)
+        observation = encoding.observe(context)
         states.append(State(moment, theta_after, observation, outcome))
         if decision_count:
             # Only the last decision of a course leads to the goal's result.
@@ -394,7 +394,7 @@ def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Traject
     stood = 0
     outcome = run[0].outcome
     for before, after in zip(run, run[1:]):
-        actions.append(encoding.action_of(before.theta))
+        actions.append(encoding.action(before.theta))
         outcome = after.outcome
         # A recorded drive may take longer than a trial: nothing is left of the limit then.
         limit = max(Rules().periods(encoding.period), outcome.decisions)

@@ -326,7 +326,7 @@ def transferred(theta: np.ndarray, from_robot: Robot, to_robot: Robot) -> np.nda
     # The period scales only observations, which are not used here.
     from_encoding = DimensionlessEncoding(from_robot, period=1.0)
     to_encoding = DimensionlessEncoding(to_robot, period=1.0)
-    scaled = to_space.to_action(to_encoding.parameters_of(from_encoding.action_of(theta)))
+    scaled = to_space.to_action(to_encoding.theta(from_encoding.action(theta)))
     # Places within the ranges, from -1 to 1.
     unscaled = dict(zip(from_space.names, from_action))
     action = np.array(scaled)

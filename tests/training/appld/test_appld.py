@@ -276,11 +276,11 @@ def test_errors_count_after_five_instants_where_the_demonstrator_drives(monkeypa
 def test_parameters_that_change_no_command_stay_at_their_defaults(monkeypatch):
     """Loss of a demonstration that depends on the maximum speed alone"""
     encoding = PaperEncoding(JACKAL)
-    default_action = encoding.action_of(encoding.space.theta0)
+    default_action = encoding.action(encoding.space.theta0)
     fastest_action = 0.5
 
     def loss(parts, theta):
-        action = encoding.action_of(theta)
+        action = encoding.action(theta)
         return appld_fit.Loss((action[0] - fastest_action) ** 2, [0.0, 0.0])
 
     monkeypatch.setattr(appld_fit, "loss", loss)
@@ -288,7 +288,7 @@ def test_parameters_that_change_no_command_stay_at_their_defaults(monkeypatch):
 
     fitted = appld_fit.fit([stretch], 1500, seed=0)
 
-    action = encoding.action_of(fitted.theta)
+    action = encoding.action(fitted.theta)
     assert action[0] == pytest.approx(fastest_action, abs=0.02)
     np.testing.assert_allclose(action[1:], default_action[1:], atol=0.1)
 

@@ -199,7 +199,7 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     observations = [*drive.observations, drive.observations[-1]]
     expected = np.array(observations[: count + 1])
     encoding = PaperEncoding(JACKAL)
-    actions = list(map(encoding.action_of, drive.thetas[:count]))
+    actions = list(map(encoding.action, drive.thetas[:count]))
     if ends:
         # Scan and goal angle of the last decision, after its action
         scan_and_goal = expected[-2, :721]
@@ -962,7 +962,7 @@ def driven(path, observation, world, time_limit, **settings):
     trajectories = []
     drives = []
     mover_count = 0
-    default_action = env.encoding.action_of(env.space.theta0)
+    default_action = env.encoding.action(env.space.theta0)
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
         observations = [observation]
@@ -976,7 +976,7 @@ def driven(path, observation, world, time_limit, **settings):
             observations.append(observation)
             rewards.append(reward)
             # What is in force: parameters are rounded, and clipped to their bounds.
-            actions.append(env.encoding.action_of(env.course_drive.theta))
+            actions.append(env.encoding.action(env.course_drive.theta))
             mover_count += len(env.course_drive.seen.movers)
         trajectories.append(Trajectory.of(layout, observations, actions, rewards, terminated))
         drives.append(env.course_drive.drive)

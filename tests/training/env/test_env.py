@@ -171,9 +171,9 @@ def test_theta_in_the_observation_is_in_force_in_the_planner(env):
     observation, *_, info = env.step(action)
 
     encoding = PaperEncoding(JACKAL)
-    theta = encoding.parameters_of(action)
+    theta = encoding.theta(action)
     assert np.allclose(info["theta"], theta)
-    np.testing.assert_allclose(observation[721:], encoding.action_of(theta), atol=1e-6)
+    np.testing.assert_allclose(observation[721:], encoding.action(theta), atol=1e-6)
 
     configuration = env.unwrapped.simulated.stack.move_base.configuration("TrajectoryPlannerROS")
     max_vel_x, max_vel_theta, vx_samples, *_ = theta
@@ -190,7 +190,7 @@ def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second(peri
 
     env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
     env.reset(seed=1)
-    action = env.encoding.action_of(env.space.theta0)
+    action = env.encoding.action(env.space.theta0)
     time_cost = 0.0
     time_s = 0.0
     terminated = False

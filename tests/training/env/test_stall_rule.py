@@ -64,7 +64,7 @@ def test_in_a_stall_another_action_is_in_force_and_reported():
     assert first_replaced >= 2
     for info in infos:
         if not is_given(info):
-            in_force = env.encoding.action_of(info["theta"])
+            in_force = env.encoding.action(info["theta"])
             assert info["action"] == pytest.approx(in_force, abs=1e-6)
             assert info["action"].dtype == np.float32
 

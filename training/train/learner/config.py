@@ -271,7 +271,7 @@ class TrainConfig(
             for name, value in encoding.space.as_dict(method.values).items():
                 if name not in encoding.chosen:
                     base[name] = value
-        return encoding.action_of(method.values), base
+        return encoding.action(method.values), base
 
     @cached_property
     def own_policy(self) -> Optional[actor.Policy]:
