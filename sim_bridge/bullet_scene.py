@@ -168,9 +168,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
         shapes.append(wheel_shape)
         positions.append((x - com_x, y - com_y, base.axle_height - com_z))
     if base.casters:
-        # A caster fills the gap between the ground and the body, or is small under a low body.
-        clearance = robot_mechanics.base_height + body.bottom
-        radius = max(clearance / 2, 0.1 * base.wheel_radius)
+        radius = geometry.caster_radius(robot)
         caster_shape = client.createCollisionShape(client.GEOM_SPHERE, radius=radius)
         for x, y in base.casters:
             shapes.append(caster_shape)
