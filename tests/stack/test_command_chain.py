@@ -6,7 +6,7 @@ import pytest
 
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor, Verdict
 from applr_ros1.planner.escape import MOTIONS, TRIES
-from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner
+from applr_ros1.stack.command_chain import Progress, StalledPlanner, judged
 from tests.monitor.scenes import AT_REST, HERE, scan_of, verdict_on, wall
 
 # Commands of the planner (v, w) [m/s, rad/s].
@@ -87,21 +87,21 @@ def test_a_plan_that_is_not_renewed_says_nothing_about_the_way_that_is_left():
 
 
 def test_a_chain_lets_no_escape_motion_creep_and_reports_what_is_blocked():
-    chain = CommandChain(StalledPlanner(TOLERANCE))
+    planner = StalledPlanner(TOLERANCE)
     blocked = Verdict.stop(STOP, "wall")
-    judged = []
+    judgements = []
 
     def judge(command, may_creep):
-        judged.append((command, may_creep))
+        judgements.append((command, may_creep))
         return blocked
 
     # A planner that is blocked for half a second gets an escape motion.
     for step in range(12):
         now = 0.05 * step
-        motion = chain.escape(now, GO, Progress("a", now, 5.0))
-        chain.judged(GO, motion, judge)
-    assert judged[0] == (GO, True)
-    assert judged[-1] == (MOTIONS[0], False)
+        motion = planner.escape_motion(now, GO, Progress("a", now, 5.0))
+        judged(GO, motion, judge, planner)
+    assert judgements[0] == (GO, True)
+    assert judgements[-1] == (MOTIONS[0], False)
 
 
 def test_another_goal_restarts_the_detector():
