@@ -158,7 +158,7 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
     assert resumed.transitions == 120
     assert resumed.td3.updates == 115
     assert resumed.updates_due == 0
-    resumed.take(episode(layout, 12, 10))
+    resumed.add_trajectory(episode(layout, 12, 10))
     assert resumed.updates_due == 20
 
 
