@@ -239,11 +239,12 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     declared_sections = tables(tree)
     idle_planners = _idle_planners(tree)
     for path, parameters in declared_sections.items():
+        given_section = branch(tree, path)
         section = branch(full_tree, path, create=True)
         for parameter in parameters:
             if f"{path}/{parameter.name}" in declared_sections:
                 continue  # A layer has this name, so nothing reads the parameter.
-            given_values = _given_values(tree, path, parameter)
+            given_values = _given_values(tree, given_section, parameter)
             # Inherited parameters are completed at the layers. The costmap itself reads only one.
             is_read_here = bool(given_values) and parameter.name == "track_unknown_space"
             if path in COSTMAPS and parameter.name in INHERITED and not is_read_here:
@@ -262,9 +263,8 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     return full_tree
 
 
-def _given_values(tree: Dict[str, Any], path: str, parameter: Parameter) -> List[Any]:
+def _given_values(tree: Dict[str, Any], section: Dict[str, Any], parameter: Parameter) -> List[Any]:
     """Return the values that the tree gives a parameter of a section, the one that counts first."""
-    section = branch(tree, path)
     values = [section[name] for name in parameter.names if parameter.reads(section.get(name))]
     if (
         not values
