@@ -153,10 +153,10 @@ def moved(observation: Observation, frame: Pose) -> Observation:
     else:
         x, y, z = observation.position
         place["position"] = (*transform_point(frame, x, y), z)
-    rotation = observation.rotation
-    if rotation is not None:
-        rotation = _turned(rotation, frame[2])
-    return replace(observation, rotation=rotation, origin=origin, **place)
+    # A level laser has none.
+    if observation.rotation is not None:
+        place["rotation"] = _turned(observation.rotation, frame[2])
+    return replace(observation, origin=origin, **place)
 
 
 def _turned(q: Quaternion, yaw: float) -> Quaternion:
