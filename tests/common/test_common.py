@@ -20,7 +20,7 @@ from applr_ros1.common.arguments import boolean, number_within, pose
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
 from applr_ros1.common.progress import announced
-from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy.methods import load_module
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused

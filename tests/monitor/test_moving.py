@@ -100,7 +100,7 @@ def ride(robot, scene, seconds=4.0, **changes):
             break
         if cycle % scan_cycles == 0:
             discs = [(*centre, RADIUS) for centre in centres]
-            sensor_pose = laser.pose_at(pose)
+            sensor_pose = laser.pose_for(pose)
             scan = LaserScan(
                 time,
                 laser.first_angle,
@@ -250,10 +250,10 @@ def test_what_stands_moves_for_nobody_while_the_wheels_slip():
     for number in range(60):
         stamp = number * PERIOD
         comes = np.array([(4.3 - stamp, 0.0, RADIUS)])
-        ranges = lidar.scan(*laser.pose_at(HERE), comes[: number >= 30])
+        ranges = lidar.scan(*laser.pose_for(HERE), comes[: number >= 30])
         ranges += rng.normal(0.0, 0.003, len(ranges)).astype(np.float32)
         slid_pose = (0.0, min(stamp, 1.5), 0.0)
-        monitor.add_scan(LaserScan(stamp, *limits, ranges, laser.pose_at(slid_pose)))
+        monitor.add_scan(LaserScan(stamp, *limits, ranges, laser.pose_for(slid_pose)))
         if number < 30:
             tracked += len(tracker.movers.id)
     assert tracked == 0

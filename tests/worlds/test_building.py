@@ -18,8 +18,8 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.paths import step_lengths
-from applr_ros1.common.trees import merged
 from applr_ros1.drives.simulate import CourseDrive
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.robots.geometry import radius
 from tests.support import scenes
 from tests.support.refusals import refused

@@ -84,7 +84,7 @@ def step(planner: MoveBase, demonstration: Demonstration, robot: Robot, i: int) 
         range_min=range_min,
         range_max=range_max,
         ranges=demonstration.scans.ranges[i],
-        sensor_pose=robot.laser.pose_at(pose),
+        sensor_pose=robot.laser.pose_for(pose),
         sensor_height=robot.laser.height,
     )
     cycle = planner.step(planner_time, pose, twist, scan)

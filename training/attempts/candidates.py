@@ -18,13 +18,13 @@ import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.files import yaml_value
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import Space
 from applr_ros1.robots import Robot

@@ -227,7 +227,7 @@ def _states(
         raise Skipped("shorter than one decision")
 
     states: List[State] = []
-    encoding.reset()
+    encoding.forget_decision()
     for decision_count, moment in enumerate(moments):
         decision = moment.decision
         theta_before = _theta(encoding, decision.before)
@@ -243,7 +243,7 @@ def _states(
             states[-1].outcome = _outcome(recorded.drive, encoding.robot, result, *states[-2:])
         if moment.is_end:
             # The encoding remembers earlier observations, which a new course must not see.
-            encoding.reset()
+            encoding.forget_decision()
     return states
 
 

@@ -50,7 +50,7 @@ class TrackedLaser:
         self._frame = ""
         self._stamp = -math.inf
 
-    def clear(self) -> None:
+    def forget_tracks(self) -> None:
         """Forget the laser after the clock jumped back."""
         self._stamp = -math.inf
 
@@ -99,7 +99,7 @@ class MoversNode:
             if self._clock.went_back():
                 self._sensors.forget()
                 self._prediction.reset()
-                self._laser.clear()
+                self._laser.forget_tracks()
             scan = self._sensors.observations().get(self._scan_topic)
             if scan is None:
                 continue

@@ -10,9 +10,9 @@ import math
 from types import MappingProxyType
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import RESTORE
+from applr_ros1.planner.parameters.trees import branch
 
 
 class Change(NamedTuple):

@@ -142,7 +142,7 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
     )
     learner = Learner(layout, options, tmp_path, 50)
     for number in range(12):
-        learner.take(episode(layout, number, 10))
+        learner.add_trajectory(episode(layout, number, 10))
         while learner.updates_due:
             learner.update()
         learner.save()
@@ -154,7 +154,7 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
     assert resumed.transitions == 120
     assert resumed.td3.updates == 115
     assert resumed.updates_due == 0
-    resumed.take(episode(layout, 12, 10))
+    resumed.add_trajectory(episode(layout, 12, 10))
     assert resumed.updates_due == 20
 
 

@@ -282,7 +282,7 @@ class TrainingRun:
 
     def _take(self, trajectory: Trajectory) -> None:
         """Add an episode, and make the gradient steps that are due for it."""
-        self.learner.take(trajectory)
+        self.learner.add_trajectory(trajectory)
         self._scalars("episode", {name: trajectory.info.get(name) for name in EPISODE})
         self._scalars("reward", trajectory.info.get("terms", {}))
         while self.learner.updates_due and not self.stopping:
