@@ -17,7 +17,6 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import moving, stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.lasers import Lasers, WatchedLaser
-from applr_ros1.monitor.matched_frame import MatchedFrame
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
@@ -169,7 +168,7 @@ class CollisionMonitor:
         silence: time after a command at which the base must be braked() unless another command
             arrives [s].
         strays: lasers that the latest scan has let go.
-        matched_frame: frame of corrected poses for planners.
+        matcher: the ScanMatcher; planners may drive in the frame of its corrected poses.
     """
 
     def __init__(
@@ -194,7 +193,6 @@ class CollisionMonitor:
         self.lasers = Lasers(self.settings, more_scans, tracker)
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
-        self.matched_frame = MatchedFrame()
         self.motion = PoseMotion()
         self.reset()
 
@@ -211,7 +209,6 @@ class CollisionMonitor:
         self.strays: List[WatchedLaser] = []
         self.seen.clear()
         self.matcher.clear()
-        self.matched_frame.clear()
         self.motion.clear()
         self.ages = Ages(scan=0.0, pose=0.0, twist=0.0)
         self._pose: Optional[Pose] = None  # latest pose of the odometry
@@ -256,10 +253,8 @@ class CollisionMonitor:
         suspects = laser.suspects.update(scan)
 
         # The first laser corrects the pose, before any point of the scan is stored.
-        correction_before = self.matcher.correction
         if laser is self.lasers.first:
-            is_partial = len(suspects.x) > 0
-            self.matcher.add_scan(without_movers(scan, suspects), is_partial)
+            self.matcher.add_scan(without_movers(scan, suspects))
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (
@@ -271,8 +266,6 @@ class CollisionMonitor:
         # While the wheels slip, what stands seems to move in the odometry's frame. In that of the
         # corrected poses only what moves does.
         movers = laser.movers.update(scan)
-        if not len(suspects.x) and not len(movers.x):
-            self.matched_frame.follow(self.matcher, correction_before)
 
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
@@ -288,8 +281,8 @@ class CollisionMonitor:
         if self.strays:
             self.seen.clear()
         if self.lasers.first is not first_laser:
-            # The poses were corrected by the scans of the stray.
-            self.matcher.clear()
+            # The references are scans of the stray.
+            self.matcher.forget_scans()
             self._forget_place()
             for watched in self.lasers:
                 watched.forget_tracks()
