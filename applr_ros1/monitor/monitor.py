@@ -254,7 +254,8 @@ class CollisionMonitor:
 
         # The first laser corrects the pose, before any point of the scan is stored.
         if laser is self.lasers.first:
-            self.matcher.add_scan(without_movers(scan, suspects))
+            is_partial = len(suspects.x) > 0
+            self.matcher.add_scan(without_movers(scan, suspects), is_partial)
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (

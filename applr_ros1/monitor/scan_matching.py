@@ -7,8 +7,10 @@ is matched to an earlier scan (point to line; Censi, "An ICP variant using a poi
 ICRA 2008) from two initial guesses. The first is the odometry's pose. The second extrapolates the
 last motion, because a sliding base keeps its speed while its wheels stand or turn backwards. The
 second guess is used only if it leads to a clearly better fit. Points that do not fit, such as a
-walking person, get a low weight. The initial guess is also a prior: it determines the directions
-that the scan does not constrain, such as along a bare corridor.
+walking person, get a low weight, by a width that follows the scatter of the others. The initial
+guess is also a prior. Along a direction that few beams measure, such as along a bare corridor, the
+odometry alone decides, but the walls measure the heading best of all. So a planner may drive in the
+frame of these poses.
 """
 
 import math
@@ -23,16 +25,17 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.rays import ScanRays, beam_at, end_point, rays_of
 
 REACH_M = 8.0  # longest range that is used for matching [m]
-# Largest spacing of the beams that are matched to an earlier scan [beams]. It is less if fewer than
-# this number of points would be matched.
+# Largest spacing of the beams that are matched to an earlier scan [beams]. It is less for a scanner
+# with few beams, and for a partial scan, if fewer points than these numbers would be matched.
 STRIDE_BEAMS = 3
 MATCHED_POINTS = 120
+PARTIAL_POINTS = 60
 # Distance to each side of a point over which the surface normal is estimated [m], and the largest
 # number of beams.
 BASE_M = 0.02
 BASE_BEAMS = 20
 # Noise of the ranges makes normals of a short base point anywhere: least base by noise.
-BASE_NOISES = 4.0
+BASE_NOISES = 5.0
 # Points of neighbouring beams lie on one surface if their ranges differ by less than this
 # multiple of their spacing, or of the noise.
 STEEPEST = 4.0
@@ -43,8 +46,8 @@ REFERENCES_KEPT = 256  # largest number of reference scans
 ITERATIONS = 12  # maximum number of iterations of one match
 COARSE = 4  # number of first iterations that are coarse
 SETTLED = 1e-5  # step below which later iterations end [m, rad]
-# Point-to-line distance that gets weight 1/4 [m]: in coarse iterations, and the least in later ones,
-# which follow the standard deviation of the distances.
+# Point-to-line distance that gets weight 1/4 [m]: in coarse iterations, and the smallest in later
+# ones, where it is a multiple of the standard deviation of the distances.
 WIDE_M = 0.1
 NARROW_M = 0.02
 WIDTH_DEVIATIONS = 2.5
@@ -59,7 +62,7 @@ LARGEST_TURN_RAD = 0.1
 BETTER_WEIGHT = 0.05
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
 # Smallest share of the beams that measures a direction (ScanMatch.support).
-SUPPORT = 0.03
+SUPPORT = 0.02
 STIFF = 1e6  # precision of the prior along a direction that is not measured
 ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
 # Of all beams, that many as ENOUGH_POINTS of those that are matched: smallest number of points in
@@ -135,10 +138,10 @@ class ScanMatcher:
         self.forget_scans()
 
     def forget_scans(self) -> None:
-        """Forget all scans, and keep the correction, so that the frame of a planner does not jump."""
+        """Forget all scans. The correction stays, so that the frame of a planner does not jump."""
         self.lost = False
         self.support = 0.0
-        self.problem = ""
+        self.problem = "no earlier scan"
         self.matched_stamp: Optional[float] = None
         # Scans have corrected poses, and NaN for the ranges that are not used for matching.
         self._references: List[ScanRays] = []  # reference scans, oldest first
@@ -148,11 +151,21 @@ class ScanMatcher:
         # Forward and leftward speed [m/s] and turn rate [rad/s] of the last motion.
         self._speed: Pose = (0.0, 0.0, 0.0)
 
+    @property
+    def report(self) -> str:
+        """Whether scans are matched; if not, since when and why."""
+        if not self.problem:
+            return "on"
+        since = ""
+        if self.matched_stamp is not None:
+            since = f" since the scan of {self.matched_stamp:.2f} s"
+        return f"off{since}: {self.problem}"
+
     def corrected(self, pose: Pose) -> Pose:
         """Return the corrected pose for a pose (x, y, yaw) of the odometry frame [m, rad]."""
         return compose(self.correction, pose)
 
-    def add_scan(self, scan: LaserScan) -> bool:
+    def add_scan(self, scan: LaserScan, is_partial: bool = False) -> bool:
         """Match a scan in the odometry frame, and update the correction.
 
         The scan is matched to the nearest reference scan, so that a robot that comes back to a
@@ -160,14 +173,20 @@ class ScanMatcher:
         the scan is matched to the previous scan. If the robot is lost, all references are
         discarded.
 
+        Args:
+            scan: The scan.
+            is_partial: Whether ranges were left out of it, so that few of the others may be.
+
         Returns:
             True if the scan fits an earlier scan. Otherwise the correction does not change.
         """
         measured_ranges = scan.distances
         is_used = np.isfinite(measured_ranges) & (measured_ranges < REACH_M)
         used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
-        used_count = int(np.count_nonzero(is_used))
-        stride = min(max(used_count // MATCHED_POINTS, 1), STRIDE_BEAMS)
+        stride = min(max(len(is_used) // MATCHED_POINTS, 1), STRIDE_BEAMS)
+        if is_partial:
+            used_count = int(np.count_nonzero(is_used))
+            stride = min(max(used_count // PARTIAL_POINTS, 1), stride)
         pose = self.corrected(scan.sensor_pose)
         newest_rays = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
         guesses = self._guesses(pose, scan.stamp)
@@ -329,7 +348,9 @@ def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
 def _problem(match: ScanMatch, guess: Pose) -> str:
     """Return why a match is not valid, "" if it is."""
     if match.matches < ENOUGH_POINTS:
-        return f"{match.matches} points lie on surfaces of an earlier scan, less than {ENOUGH_POINTS}"
+        return (
+            f"{match.matches} points are near an earlier scan's surfaces, less than {ENOUGH_POINTS}"
+        )
     if not match.fits:
         return f"points are farther than {WIDE_M:g} m from the surfaces of an earlier scan"
     distance, angle = _difference(match.pose, guess)

@@ -153,11 +153,11 @@ def test_an_error_of_the_monitor_does_not_move_its_frame(monkeypatch):
     monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
     node = CollisionMonitorNode(MonitorSettings.of(JACKAL), JACKAL, "", [], escape=False)
     node.sensors.observations.side_effect = ValueError("a test")
-    node.monitor.matched_frame.correction = CORRECTION
+    node.monitor.matcher.correction = CORRECTION
 
     # When: a command arrives
     _, _, take_command = rospy.Subscriber.call_args.args
     take_command(conversions.twist(0.5, 0.0))
 
     assert rospy.logerr_throttle.called
-    assert node.monitor.matched_frame.correction == CORRECTION
+    assert node.monitor.matcher.correction == CORRECTION

@@ -318,6 +318,7 @@ class CollisionMonitorNode:
         values = {
             "action": verdict.action,
             "scale": f"{verdict.scale:.2f}",
+            "matching": self.monitor.matcher.report,
             "remembered": len(self.monitor.memory.points),
             **self._reports.counts,
             **self.sensors.ages(now),
