@@ -10,6 +10,7 @@ import logging
 import os
 from contextlib import contextmanager
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import (
     Any,
@@ -25,6 +26,7 @@ from typing import (
     Tuple,
 )
 
+import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
@@ -33,6 +35,7 @@ from applr_ros1.common.files import FileError, check_regular, reading
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.received import (
+    BACK_NS,
     Received,
     TopicSource,
     all_received,
@@ -114,7 +117,11 @@ class OpenBag:
         return text
 
     def _recorded(self, topics: Collection[str]) -> Iterable[Any]:
-        """Return connection, time [ns] and raw message of all messages on topics, in order."""
+        """Return connection, time [ns] and raw message of all messages on topics.
+
+        They are in the order of the file, as far as it has one: by their times, one could not see
+        that a clock was set.
+        """
         wanted_connections = []
         for connection in self._reader.connections:
             if connection.topic in topics:
@@ -122,7 +129,19 @@ class OpenBag:
         # Without connections, rosbags would return every message.
         if not wanted_connections:
             return ()
-        return self._reader.messages(wanted_connections)
+        messages = self._reader.messages(wanted_connections)
+        places = []
+        for connection in wanted_connections:
+            # Bags of ROS 1 have an index of places in the file.
+            places += getattr(connection.owner, "indexes", {}).get(connection.id, ())
+        places.sort(key=attrgetter("time"))
+        order = sorted(range(len(places)), key=lambda row: places[row][1:])
+        times = np.array([places[row].time for row in order], np.int64)
+        # As a rule the order is that of time, but for some milliseconds.
+        if (np.diff(times) > -BACK_NS).all():
+            return messages
+        in_order_of_time = list(messages)
+        return [in_order_of_time[row] for row in order]
 
 
 @contextmanager
