@@ -26,6 +26,7 @@ from applr_ros1.drives.drive import (
     Plans,
     Scans,
     nearest_rows,
+    with_full_speed,
 )
 from applr_ros1.drives.frames import FramePlacements
 from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
@@ -253,18 +254,20 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
     # Two of one rate may differ by some messages at the ends.
     if len(stamps) > 1.2 * len(motion):
         nearest_messages = nearest_rows(motion.stamp, stamps)
-        return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest_messages])
+        twists = motion.twist[nearest_messages]
+        sideways = motion.sideways[nearest_messages]
+        return Motion(np.maximum.accumulate(times), stamps, poses, twists, sideways)
     nearest_messages = nearest_rows(stamps, motion.stamp)
     return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
 
 
 # -- velocities ------------------------------------------------------------------------------------
 def with_velocities(motion: Motion) -> Noted:
-    """Return a motion with the velocities of its poses, if its own are left at 0."""
+    """Return a motion with its full speed, by its poses if its own velocities are left at 0."""
     checked = checked_twists(motion.stamp, motion.pose, motion.twist)
-    if not checked.problem:
-        return Noted(motion, [])
-    return Noted(replace(motion, twist=checked.twist), [checked.problem])
+    if checked.problem:
+        return Noted(replace(motion, twist=checked.twist), [checked.problem])
+    return Noted(with_full_speed(motion), [])
 
 
 # -- plans -----------------------------------------------------------------------------------------

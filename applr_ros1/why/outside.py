@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Optional
+
+import numpy as np
 
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.robots import Robot
@@ -11,15 +14,22 @@ from applr_ros1.why.black_box.description import DescribedRobot
 from applr_ros1.why.diagnosis import Diagnosis, find_stop, give_outside_reason
 from applr_ros1.why.fitting import with_velocities
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
+from applr_ros1.why.reasons import DRIVES_SPEED
 
 # Why a drive is not replayed
 OTHER_PLANNER = f"the planner's own reasons are known for {' and '.join(REPLAYED)} only"
+SIDEWAYS = "commands to drive sideways are not replayed"
 NO_PLAN = "without a plan there is nothing to replay"
 
 
-def is_other_planner(drive: Drive, robot: Robot) -> bool:
-    """Return whether a local planner drove that is not replayed."""
-    return planner_of(drive, robot) not in REPLAYED
+def unknown_to_replay(drive: Drive, robot: Robot) -> str:
+    """Return why a drive is not replayed, whatever its bag has, or ""."""
+    if planner_of(drive, robot) not in REPLAYED:
+        return OTHER_PLANNER
+    # A base that ignores them slips sideways in its turns at most, of which no planner is told.
+    if drive.planned is not None and (np.abs(drive.planned.sideways) >= DRIVES_SPEED).any():
+        return SIDEWAYS
+    return ""
 
 
 def seen_from_outside(
@@ -39,6 +49,7 @@ def seen_from_outside(
         box: Description of a black box's bag, or None.
     """
     motion = with_velocities(odometry).motion
+    drive = replace(drive, odometry=motion)
     limits = limits_of(drive, motion, robot, start_values(robot))
     found_events = events.find(drive, motion, limits)
     asked = find_stop(found_events, drive, box)
