@@ -188,8 +188,9 @@ def by_one_clock(messages: Sequence[Received]) -> Tuple[List[Received], List[str
     drive: List[Received] = []
     notes = []
     for part in _parts(messages):
-        if not drive:
-            drive = part
+        # What comes before the first measurement and after the last one pauses as it likes.
+        if not (_is_measured(drive) and _is_measured(part)):
+            drive = drive + part
             continue
         step = part[0].recording_time - drive[-1].recording_time
         driven = drive[-1].recording_time - drive[0].recording_time
@@ -228,6 +229,10 @@ def _parts(messages: Sequence[Received]) -> Iterator[List[Received]]:
         edges = [0, *(np.flatnonzero(pauses) + 1), len(part)]
         for first, last in zip(edges, edges[1:]):
             yield part[first:last]
+
+
+def _is_measured(messages: Sequence[Received]) -> bool:
+    return any(message.key in SENSORS for message in messages)
 
 
 def _continues(drive: Sequence[Received], part: Sequence[Received]) -> bool:
