@@ -1,8 +1,8 @@
 """Table of what `./applr why` says of planted causes: `python -m benchmarks.why_events`.
 
-Each cause is planted in each situation that must not change the answer, with several seeds. A row of
-docs/results/events.csv counts the answers that name the cause, that say as much as can be known, and
-that are wrong.
+Each cause is planted in each situation that must not change the answer, with several seeds. A row
+of docs/results/events.csv counts the answers that name the cause, that say as much as can be known,
+and that are wrong.
 """
 
 from __future__ import annotations
