@@ -20,7 +20,7 @@ from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
 from applr_ros1.why.black_box.stops import HELD
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
-from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
+from applr_ros1.why.outside import NO_PLAN, NO_SCAN, OTHER_PLANNER
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
@@ -353,7 +353,6 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
 @pytest.mark.parametrize(
     ("columns", "problem"),
     [
-        ({"scans": None}, "no messages on /front/scan"),
         ({"odometry": None}, "no messages on /odometry/filtered"),
         ({"planned": None, "commands": None}, "no messages on /cmd_vel"),
         (
@@ -372,6 +371,18 @@ def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, 
     assert output == ""
     assert problem in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_without_a_laser_what_is_seen_from_outside_is_said(spoilt, folder, capsys):
+    _, driven = spoilt
+    status, output, _ = ran(capsys, write(folder / "drive.bag", replace(driven, scans=None)))
+    first_line, certainty, seen, unseen, *_ = output.splitlines()
+    assert status == 0
+    assert ": crept at (" in first_line
+    assert certainty == f"{NO_SCAN}."
+    assert "/odometry/filtered" in seen
+    assert "/front/scan" in unseen
+    assert unseen.endswith("record them next time.")
 
 
 @pytest.mark.heavy
@@ -446,7 +457,7 @@ def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base
         changes=updates((0.0, "TebLocalPlannerROS", {"max_vel_x": 0.5, "max_vel_theta": 1.5})),
     )
     _, output, _ = ran(capsys, write(folder / "teb.bag", silent))
-    assert "because move_base sent no command for" in output.splitlines()[0]
+    assert "because no command came for" in output.splitlines()[0]
 
 
 def box_bag(path, robot, drive, is_known, stop=None):
