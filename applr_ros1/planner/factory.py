@@ -66,9 +66,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         config: current configuration.
     """
     current = config[name]
-    descriptions = [
-        _describe(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)
-    ]
+    descriptions = [_describe(layer, config[layer.path]) for layer in layers(name, static)]
     # A costmap has its own track_unknown_space only if the files give one (check.complete).
     track_unknown = static.get("track_unknown_space", False)
     return Costmap(
@@ -83,16 +81,14 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     )
 
 
-def _describe(
-    layer: LayerSection, static: Dict[str, Any], current: Mapping[str, Any]
-) -> LayerDescription:
+def _describe(layer: LayerSection, current: Mapping[str, Any]) -> LayerDescription:
     """Return the description of a layer.
 
     Args:
-        layer: name and kind of the layer.
-        static: branch of the layer in the complete parameter tree.
+        layer: section of the layer in the complete parameter tree.
         current: current values of its server.
     """
+    static = layer.values
     if layer.kind == INFLATION_LAYER:
         return LayerDescription(layer.name, InflationParameters(**current))
     if layer.kind == STATIC_LAYER:

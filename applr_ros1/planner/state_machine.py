@@ -427,7 +427,7 @@ class StateMachine:
 
         None stands for the local planner's command.
         """
-        motion = self._escape.instead(now, blocked)
+        motion = self._escape.motion(now, blocked)
         if motion is not None:
             self._components.local_planner.end_escape()
         return motion

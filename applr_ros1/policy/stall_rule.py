@@ -48,7 +48,8 @@ class StallRule:
     driven backwards or has stood, and drives for DRIVING_S, by turns. If the plan leads ahead, it
     drives with random parameters and with those of its method, by turns. The method comes first
     where the robot has turned, because it has failed in another direction. The costmaps are cleared
-    every CLEARING_S. A method refuses with `redraws_stalled` (Method).
+    every CLEARING_S. A robot within the tolerance of its goal is not stuck. A method refuses with
+    `redraws_stalled` (Method).
 
     Args:
         robot: Description of the robot.
@@ -63,11 +64,12 @@ class StallRule:
         self.count = 0
         self._encoding = DimensionlessEncoding(robot, PERIOD)
         self._stuck = Stuck(robot.world_scale)
-        self.reset(0)
+        self._goal_tolerance = robot.goal_tolerance
+        self.begin_course(0)
 
-    def reset(self, seed: int) -> None:
+    def begin_course(self, seed: int) -> None:
         """Forget the positions at the start of a course, and seed the draws."""
-        self._stuck.reset()
+        self._stuck.forget_decisions()
         self._draws = np.random.default_rng([seed, SEED])
         self._end()
 
@@ -77,15 +79,18 @@ class StallRule:
         self._last_clearing = -math.inf  # time of the last clearing of the costmaps [s]
         self.clears_costmaps = False
 
-    def instead(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
+    def redraw(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
         """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these.
 
         The Pilot clips them, and orders the smallest and the largest speed.
         """
         plan_leads_back = _leads_back(context)
         v, _ = context.twist
-        is_stuck = self._stuck.update(context.time, context.pose, v, plan_leads_back)
-        if not is_stuck or not method.redraws_stalled:
+        is_stuck = self._stuck.add_decision(context.time, context.pose, v, plan_leads_back)
+        # A robot that stands within the tolerance has arrived, or turns to the goal's heading.
+        goal_distance = math.dist(context.pose[:2], context.goal[:2])
+        has_arrived = goal_distance <= self._goal_tolerance
+        if not is_stuck or has_arrived or not method.redraws_stalled:
             self._end()
             return None
         since_clearing = context.time - self._last_clearing
@@ -99,7 +104,7 @@ class StallRule:
             phase = self._begin(context.time, leads_back, is_first=True)
         elif phase.leads_back != leads_back:
             phase = self._begin(context.time, leads_back, is_first=leads_back)
-        elif phase.has_ended(context.time, v, self._stuck.stands):
+        elif phase.is_over(context.time, v, self._stuck.stands):
             phase = self._begin(context.time, leads_back, is_first=not phase.is_first)
         if not phase.values:
             return None
@@ -149,7 +154,7 @@ class _Phase:
         self._began = began
         self._has_driven_back = False
 
-    def has_ended(self, time: float, v: float, stands: bool) -> bool:
+    def is_over(self, time: float, v: float, stands: bool) -> bool:
         """Return whether the phase is over.
 
         Args:

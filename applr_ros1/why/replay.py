@@ -154,24 +154,17 @@ class Replay:
         return sum(cycle.reproduced for cycle in self.cycles)
 
     @property
-    def commands(self) -> int:
-        """Number of all commands of the drive."""
-        return len(self.cycles) + sum(self.left_out.values())
-
-    @property
     def share(self) -> float:
-        """Share of all commands that are reproduced."""
-        return self.reproduced / self.commands
+        """Share of the local planner's commands that are reproduced.
 
-    @property
-    def share_of_cycles(self) -> float:
-        """Share of the local planner's commands that are reproduced."""
+        Stops of move_base itself say nothing about the replay of the local planner.
+        """
         return self.reproduced / len(self.cycles)
 
     def __str__(self) -> str:
         summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
-            f"{self.commands:,} commands reproduced ({self.share:.1%})"
+            f"{len(self.cycles):,} commands reproduced ({self.share:.1%})"
         )
         left_out = []
         for reason, command_count in self.left_out.items():

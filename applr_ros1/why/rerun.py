@@ -133,7 +133,7 @@ class RerunPlanner:
     def first_map(self, settings: Settings) -> MapSnapshot:
         """Return the map before the first cycle, with these parameters."""
         self._put_in_force(settings)
-        self._costmap.clear()
+        self._costmap.reset_layers()
         return self._remembered()
 
     def reconfigured(
@@ -151,14 +151,14 @@ class RerunPlanner:
         """Return a map after an update at a pose with the points of a scan."""
         self._put_in_force(settings)
         self._show(map_before)
-        self._costmap.update(pose, cloud)
+        self._costmap.update_costs(pose, cloud)
         return self._remembered()
 
     def cleared(self, map_before: MapSnapshot, settings: Settings) -> MapSnapshot:
         """Return a map after a call to clear the costmaps."""
         self._put_in_force(settings)
         self._show(map_before)
-        self._costmap.clear()
+        self._costmap.reset_layers()
         return self._remembered()
 
     # -- cycles ------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from tests.support.seeds import seeds
 def make_costmap():
     """Return a costmap with an obstacle 2 m ahead, and one 1.15 m away at (0.81, 0.81)."""
     costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
-    costmap.update(ORIGIN, cloud_of((2.0, 0.0), (0.81, 0.81)))
+    costmap.update_costs(ORIGIN, cloud_of((2.0, 0.0), (0.81, 0.81)))
     return costmap
 
 
@@ -122,7 +122,7 @@ def test_clearing_removes_obstacles_only_outside_the_square():
     assert behaviour.step(0.0, ORIGIN, local_costmap, global_costmap) is None
     # A scan without returns, because the last scan would mark the obstacles again
     for costmap in (local_costmap, global_costmap):
-        costmap.update(ORIGIN, cloud_of())
+        costmap.update_costs(ORIGIN, cloud_of())
         assert not lethal(costmap, 2.0, 0.0)
         assert lethal(costmap, 0.81, 0.81)
 
@@ -134,7 +134,7 @@ def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
     # In the global map's frame the robot is at (2.3, -1.0): there the other obstacle is near.
     behaviour.step(0.0, ORIGIN, local_costmap, global_costmap, (2.3, -1.0, 0.0))
     for costmap in (local_costmap, global_costmap):
-        costmap.update(ORIGIN, cloud_of())
+        costmap.update_costs(ORIGIN, cloud_of())
     assert lethal(local_costmap, 0.81, 0.81)
     assert not lethal(local_costmap, 2.0, 0.0)
     assert lethal(global_costmap, 2.0, 0.0)
@@ -183,7 +183,7 @@ def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
 def test_rotation_is_refused_next_to_an_obstacle():
     costmap = make_costmap()
     # Outside the padded footprint, whose half width is 0.265 m, but within reach of its corners
-    costmap.update(ORIGIN, cloud_of((0.0, 0.36)))
+    costmap.update_costs(ORIGIN, cloud_of((0.0, 0.36)))
     assert rotate().step(0.0, ORIGIN, costmap, costmap) is None
 
 
@@ -197,8 +197,8 @@ def test_rotation_does_not_begin_if_its_second_half_is_blocked():
     ]
     costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=long_front)
     for y, is_free in ((-0.4, False), (-0.8, True)):
-        costmap.clear()
-        costmap.update(ORIGIN, cloud_of((0.0, y)))
+        costmap.reset_layers()
+        costmap.update_costs(ORIGIN, cloud_of((0.0, y)))
         begins = rotate().step(0.0, ORIGIN, costmap, costmap) is not None
         assert begins == is_free
 
@@ -232,7 +232,7 @@ def test_only_in_cpp_may_a_rotation_take_an_hour(like_cpp):
 def test_sim_granularity_is_the_step_between_the_yaws_that_must_be_free(granularity, begins):
     # Within reach of the corners, at 0.41 m, and not of the sides, at 0.31 and 0.27 m
     costmap = make_costmap()
-    costmap.update(ORIGIN, cloud_of((0.0, 0.36)))
+    costmap.update_costs(ORIGIN, cloud_of((0.0, 0.36)))
     tree = dict(JACKAL_PARAMETERS, rotate_recovery={"sim_granularity": granularity})
     _, rotation, *_ = recovery.build(complete(tree))
     rotation.start(0.0, ORIGIN)

@@ -51,7 +51,7 @@ def inflate(master, window, resolution, inscribed, parameters):
     """Inflate a window of the cells in place, with a new layer."""
     layer = InflationLayer(*master.shape[::-1], resolution, parameters)
     layer.set_inscribed_radius(inscribed)
-    layer.update(master, master.copy(), window)
+    layer.inflate(master, master.copy(), window)
 
 
 def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL_FOOTPRINT):
@@ -86,7 +86,7 @@ def paint(costmap, cells):
     origin, master, *layer_cells = costmap.snapshot()
     base = np.where(np.asarray(cells) != 0, cells, master)
     for layer in costmap.inflation_layers:
-        layer.update(master, base, (0, 0) + costmap.size)
+        layer.inflate(master, base, (0, 0) + costmap.size)
     costmap.restore((origin, master, *layer_cells))
 
 

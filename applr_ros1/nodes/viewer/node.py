@@ -161,7 +161,7 @@ class Viewer:
             speed = math.copysign(math.hypot(linear.x, linear.y), linear.x)
         goal_status = panel.goal_status(self.listener)
         is_driving = goal_status is not None and goal_status.status in UNDER_WAY
-        self.panel.update()
+        self.panel.show_state()
         self.scene.draw(is_driving)
         self.stop_card.draw()
         for client in self.server.get_clients().values():

@@ -118,7 +118,7 @@ class ObstacleLayer:
 
     @cloud.setter
     def cloud(self, cloud: PointCloud) -> None:
-        self.buffers[0].take(cloud, cloud.stamp)
+        self.buffers[0].add_cloud(cloud, cloud.stamp)
 
     def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
         """Roll, clear and mark; return the bounds [m], widened to all possible changes."""
@@ -211,7 +211,7 @@ class ObstacleLayer:
         """True unless an unknown combination_method keeps the layer out of the master."""
         return self.parameters.combination_method in (OVERWRITE, MAXIMUM)
 
-    def reset(self) -> None:
+    def reset_cells(self) -> None:
         """Reset all cells to the default value. The next update marks the latest scan again."""
         self.cells[:] = self.default
 

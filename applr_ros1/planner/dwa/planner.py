@@ -110,15 +110,6 @@ class DWAPlanner(SamplingPlanner):
         """Weights of the critics in their order."""
         return [float(weight) for weight in weights(self._params[0])]
 
-    def reset(self) -> None:
-        """Clear flags, grids and plans, as in a new object (for training episodes)."""
-        super().reset()
-        self._aligned_plan = NO_PLAN
-        if self._grids is not None:
-            # Until the next cycle floods the grids, no row of them is read.
-            self._grids.facts["flooded"] = 0
-            self._grids.facts["alignment_row"] = PATH
-
     def remember(self, pose: Sequence[float], v: float, w: float) -> None:
         """Update the flags as if the last search had chosen (v, w) at a pose (x, y, yaw)."""
         start = start_record((*pose, 0.0, 0.0, 0.0))

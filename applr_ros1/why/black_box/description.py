@@ -12,10 +12,10 @@ from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import reading
-from applr_ros1.common.trees import branch
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from applr_ros1.robots.folder import content_of, described
 from applr_ros1.robots.robot import MoveBaseSetup

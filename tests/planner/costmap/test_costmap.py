@@ -90,7 +90,7 @@ def test_drives_equal_the_recorded_ones(drive):
         version = costmap.version
         cells = costmap.cells.copy()
         origin = costmap.origin.copy()
-        costmap.update(step["pose"], cloud)
+        costmap.update_costs(step["pose"], cloud)
         master_checksum = zlib.crc32(costmap.cells.tobytes())
         obstacle_checksum = zlib.crc32(costmap.obstacles.cells.tobytes())
         recorded = [master_checksum, obstacle_checksum, costmap.origin.tolist()]
@@ -112,31 +112,31 @@ def test_drives_equal_the_recorded_ones(drive):
 def test_a_pose_that_is_not_finite_is_rejected():
     for pose in ((math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
         with pytest.raises(ApplrError, match="finite"):
-            local().update(pose)
+            local().update_costs(pose)
 
 
 def test_a_far_jump_empties_the_map():
     costmap = local()
-    costmap.update(HERE, hit(1.0, 0.0))
+    costmap.update_costs(HERE, hit(1.0, 0.0))
     assert (costmap.cells == 254).any()
-    costmap.update((100.0, 100.0, 0.0))
+    costmap.update_costs((100.0, 100.0, 0.0))
     assert not costmap.cells.any()
     assert not costmap.obstacles.cells.any()
 
 
 def test_windows_and_versions_report_changes():
     costmap = fixed(footprint=JACKAL_FOOTPRINT)
-    costmap.update(HERE, hit(1.02, 0.02))
+    costmap.update_costs(HERE, hit(1.02, 0.02))
     assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.
     version = costmap.version
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     # From the rear of the padded footprint to the obstacle, each with the inflation radius
     left, _, right, _ = costmap.window
     assert left == int((-0.31 - 0.3 + 2) / 0.05)
     assert right == int((1.02 + 0.3 + 2) / 0.05) + 1
     assert costmap.version == version
     assert costmap.changed_since(version) is None
-    costmap.update(HERE, hit(1.07, 0.02))
+    costmap.update_costs(HERE, hit(1.07, 0.02))
     assert costmap.version > version
     assert costmap.changed_since(version) is not None
     # Of versions that it never had, the costmap only knows that everything may differ.
@@ -163,29 +163,21 @@ def test_changes_are_remembered_for_a_while():
 
 def test_without_bounds_nothing_happens():
     costmap = fixed(obstacles=ObstacleParameters(footprint_clearing_enabled=False))
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     # No layer has anything to change, so that even a cell that somebody else changed stays.
     costmap.cells[3, 3] = 9
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert costmap.window is None
     assert costmap.cells[3, 3] == 9
-
-
-def test_a_cleared_costmap_forgets_its_obstacles():
-    costmap = fixed()
-    costmap.update(HERE, hit(1.0, 0.0))
-    assert (costmap.obstacles.cells == 254).any()
-    costmap.clear()
-    assert not (costmap.obstacles.cells == 254).any()
 
 
 def test_a_snapshot_restores_place_and_obstacles_after_the_map_has_moved():
     costmap = local()
     unmoved_costmap = local()
     for new_costmap in (costmap, unmoved_costmap):
-        new_costmap.update(HERE, hit(1.02, 0.02))
+        new_costmap.update_costs(HERE, hit(1.02, 0.02))
     snapshot = costmap.snapshot()
-    costmap.update((1.0, 0.5, 0.0), hit(2.02, 0.52))
+    costmap.update_costs((1.0, 0.5, 0.0), hit(2.02, 0.52))
     version = costmap.version
     costmap.restore(snapshot)
     assert costmap.version > version
@@ -199,13 +191,13 @@ def test_a_snapshot_restores_place_and_obstacles_after_the_map_has_moved():
 def test_a_snapshot_is_inflated_by_the_current_parameters_if_the_pose_is_given(pose, radius):
     # Given: a snapshot with an inflation radius of 0.3 m, and 0.2 m since then
     costmap = fixed()
-    costmap.update(HERE, hit(1.02, 0.02))
+    costmap.update_costs(HERE, hit(1.02, 0.02))
     snapshot = costmap.snapshot()
     costmap.configure("inflater_layer", inflation_radius=0.2)
-    costmap.update(HERE, hit(0.02, 1.02))
+    costmap.update_costs(HERE, hit(0.02, 1.02))
 
     costmap.restore(snapshot, pose)
 
     expected_costmap = fixed(inflation=InflationParameters(radius))
-    expected_costmap.update(HERE, hit(1.02, 0.02))
+    expected_costmap.update_costs(HERE, hit(1.02, 0.02))
     assert (costmap.cells == expected_costmap.cells).all()

@@ -61,7 +61,7 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
 
         # When: the layer repairs its spread
         master_before = master.copy()
-        changed = layer.update(master, base, window)
+        changed = layer.inflate(master, base, window)
 
         # Then: the map is that of a new spread, and all changes are reported
         expected[within] = obstacles
@@ -100,7 +100,7 @@ def test_repairs_of_a_map_that_moves_equal_spreading_anew(seed, radius):
 
         # When: the layer repairs its spread
         expected = base.copy()
-        layer.update(master, base, (left, bottom, right, top))
+        layer.inflate(master, base, (left, bottom, right, top))
 
         # Then: the map is that of a new spread
         inflate(expected, (left, bottom, right, top), 0.05, 0.265, layer.parameters)
@@ -142,7 +142,7 @@ def test_a_spread_of_any_width_is_that_of_cpp(radius):
     master[rng.random(master.shape) < 0.005] = 254
     expected = master.copy()
     spread_as_in_cpp(expected, radius)
-    layer.update(master, master.copy(), (0, 0, 60, 50))
+    layer.inflate(master, master.copy(), (0, 0, 60, 50))
     np.testing.assert_array_equal(master, expected)
 
 
@@ -224,7 +224,7 @@ def test_new_parameters_change_all_costs():
     base = blank(20, 20)
     base[10, 10] = 254
     master = blank(20, 20)
-    layer.update(master, base, (0, 0, 20, 20))
+    layer.inflate(master, base, (0, 0, 20, 20))
     assert layer.full_pass_due
     assert master[10, 18] == cost_at(8, 0.05, 0.265, 10.0)
 
@@ -242,6 +242,6 @@ def test_short_queues_are_survived(monkeypatch):
     for fill in (0.02, 0.1, 0.0, 0.05):
         is_obstacle = rng.random(expected.shape) < fill
         expected[:] = np.where(is_obstacle, 254, 0)
-        layer.update(master, expected.copy(), (0, 0, 150, 150))
+        layer.inflate(master, expected.copy(), (0, 0, 150, 150))
         inflate(expected, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
         np.testing.assert_array_equal(master, expected)
