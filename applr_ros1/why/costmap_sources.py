@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import List, NamedTuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.layers import (
     OBSTACLE_LAYER,
     PREDICTED,
@@ -12,6 +11,7 @@ from applr_ros1.planner.parameters.layers import (
     marking_lasers,
     sources,
 )
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import Robot
 
 
