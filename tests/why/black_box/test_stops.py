@@ -37,8 +37,9 @@ def messages_of(drive, has_goal=True, ended="", next_goal_at=np.inf, pause=0.0):
     """
     messages = []
     odometry = drive.odometry
-    for time, pose, twist in zip(odometry.time.tolist(), odometry.pose, odometry.twist):
-        row = {"stamp": Stamp(0), "frame": "odom", "pose": tuple(pose), "twist": tuple(twist)}
+    for number, time in enumerate(odometry.time.tolist()):
+        row = {name: getattr(odometry, name)[number] for name in ("pose", "twist", "sideways")}
+        row.update(stamp=Stamp(0), frame="odom")
         messages.append(Received(at(time), "odometry", [row]))
     last_time = float(odometry.time[-1])
     for time in np.arange(0.0, last_time, 0.2):
