@@ -41,6 +41,7 @@ AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
 WAS_SLOW = "was slow"
+NO_GOAL_S = 3.0  # pause of the commands from which on a robot without a status has no goal [s]
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 # Kinds of stops of a black box: that somebody asked to save, and the end of a goal
 SAVED = "was asked to save"
@@ -309,9 +310,10 @@ def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
         # Without move_base's status: the planner commands only while it has a goal.
         moving_rows = np.flatnonzero(planned.twist.any(axis=1))
         if len(moving_rows):
-            begin_time = float(planned.time[moving_rows[0]])
-            end_time = float(planned.time[-1])
-            time_spans = [(begin_time, end_time)]
+            times = planned.time[moving_rows[0] :]
+            pauses = np.flatnonzero(np.diff(times) > NO_GOAL_S) + 1
+            for span_times in np.split(times, pauses):
+                time_spans.append((float(span_times[0]), float(span_times[-1])))
     is_pursued = np.zeros(len(odometry), bool)
     for begin_time, end_time in time_spans:
         is_pursued |= (odometry.time >= begin_time) & (odometry.time <= end_time)

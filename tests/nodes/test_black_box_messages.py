@@ -103,7 +103,11 @@ def master(monkeypatch):
     master = MagicMock()
     monkeypatch.setattr(rosgraph, "Master", lambda name: master)
     plan_topic = "/move_base/NavfnROS/plan"
-    master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
+    master.getPublishedTopics.return_value = [
+        [plan_topic, "nav_msgs/Path"],
+        ["/move_base/status", "actionlib_msgs/GoalStatusArray"],
+        ["/odometry/filtered", "nav_msgs/Odometry"],
+    ]
     master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
     for name in ("Publisher", "Subscriber", "Service"):
         monkeypatch.setattr(rospy, name, MagicMock())
@@ -200,6 +204,29 @@ def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(node, m
     assert text == "keeps the last minutes"
     driven = box.describe.call_args.args[0]
     assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ())
+
+
+@pytest.mark.parametrize(
+    ("topic", "problem"),
+    [
+        ("/move_base/status", "no goals on /move_base/status"),
+        ("/odometry/filtered", "no odometry on /odometry/filtered"),
+    ],
+)
+def test_without_a_topic_that_shows_stops_the_box_says_that_none_is_found(
+    topic, problem, node, master, monkeypatch
+):
+    published = master.getPublishedTopics.return_value
+    missing = [entry for entry in published if entry[0] == topic]
+    for entry in missing:
+        published.remove(entry)
+    text, _ = status_after_a_look(node, monkeypatch)
+    assert text.startswith(f"{problem}, so that stops are not found: give ~")
+    # The goals of move_base_flex are those of its actions.
+    flex_topic = topic.replace("/status", "/exe_path/status")
+    published.append([flex_topic, missing[0][1]])
+    text, _ = status_after_a_look(node, monkeypatch)
+    assert text == "keeps the last minutes"
 
 
 def test_without_a_move_base_the_screen_says_so_once(node, master, monkeypatch):

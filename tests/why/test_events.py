@@ -22,6 +22,7 @@ from applr_ros1.why.diagnosis import NOT_ENDED, OCCUPIED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.limits import control_period
 from applr_ros1.why.reasons import NO_PATH
+from applr_ros1.why.recorded import with_planned
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -249,6 +250,11 @@ def test_there_are_no_events_without_a_goal():
     odometry = drive.odometry
     early_commands = Commands(odometry.time[:60], odometry.twist[:60])
     assert kinds(replace(without_status, planned=early_commands)) == []
+    # Commands that pause for as long as between two goals end it, too.
+    pauses = drive_of(DRIVES + STANDS * 4 + DRIVES)
+    moving_rows = pauses.odometry.twist.any(axis=1)
+    with_pause = Commands(pauses.odometry.time[moving_rows], pauses.odometry.twist[moving_rows])
+    assert kinds(replace(pauses, goals=[], planned=with_pause)) == []
     # Nor was there one before the first command to move.
     waits_first = drive_of(STANDS + DRIVES)
     assert kinds(waits_first) == ["stood"]
@@ -622,6 +628,25 @@ def test_a_base_that_does_not_follow_is_a_reason(stopped):
     assert reasons.unmoved(stretch_of(stopped)) == words
     # From 6 s on the robot drives as it is told.
     assert reasons.unmoved(stretch_of(stopped, 6.0, 9.0)) == ""
+
+
+def test_a_command_to_drive_sideways_asks_for_motion_and_a_steering_angle_does_not():
+    def reason(angles, twist, sideways=0.0):
+        """Return the reason of a base that stands with a command, by a parameter of its planner."""
+        robot = JACKAL.with_parameters({JACKAL.local_planner: angles}, "cart")
+        stands = drive_of(STANDS)
+        commands = Commands(
+            stands.planned.time, np.tile(twist, (60, 1)), np.full(60, float(sideways))
+        )
+        commanded = with_planned(replace(stands, planned=None, commands=commands), robot)
+        return reasons.unmoved(stretch_of(commanded, 0.0, 3.0))
+
+    words = "the base did not follow its commands of 0.40"
+    assert reason({}, (0.0, 0.0), sideways=0.4) == f"{words} m/s"
+    assert reason({}, (0.0, 0.4)) == f"{words} rad/s"
+    has_angles = {"cmd_angle_instead_rotvel": True}
+    assert reason(has_angles, (0.0, 0.4)) == ""
+    assert reason(has_angles, (0.4, 0.4)) == f"{words} m/s"
 
 
 def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_reason(stopped):
