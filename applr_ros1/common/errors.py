@@ -133,6 +133,12 @@ def _line_of(error: Exception) -> str:
         how_to_install = absent(error.name)
         if how_to_install:
             return how_to_install
+    if isinstance(error, ImportError):
+        file_name = traceback.extract_tb(error.__traceback__)[-1].filename
+        for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep):
+            # A package of another Python that hides the one of this environment
+            if folder and file_name.startswith(f"{folder}/"):
+                return f"{error}: {file_name} is found by PYTHONPATH: unset PYTHONPATH"
     if isinstance(error, OSError):
         return str(error)  # It names the file, which says more than the line that opened it.
     return one_line(error)

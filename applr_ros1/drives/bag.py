@@ -228,9 +228,11 @@ def _values_of(drive: Drive, key: str) -> Iterator[Row]:
         return
     elif isinstance(column, Rows):
         for values in _rows_as_values(column):
-            # Frames that do not move have a topic of their own.
-            is_on_topic = values.get("is_static", False) == (key == "static_transforms")
-            if is_on_topic:
+            # Frames that do not move, and move_base itself, have topics of their own.
+            is_static = values.get("is_static", False)
+            is_own = values.get("server") == ""
+            on_own_topic = key == "static_transforms", key == "move_base_changes"
+            if (is_static, is_own) == on_own_topic:
                 yield values
     elif isinstance(column, np.ndarray):
         for time in column.tolist():

@@ -279,6 +279,11 @@ def _unpack_change(message: Any) -> List[Row]:
     return [{"values": values}]
 
 
+def _unpack_own_change(message: Any) -> List[Row]:
+    """Return the row of a dynamic_reconfigure/Config of move_base itself, whose server is ""."""
+    return [{"server": "", **row} for row in _unpack_change(message)]
+
+
 def _pack_change(row: Mapping[str, Any], sender: Sender) -> Fields:
     """Return a dynamic_reconfigure/Config, with numbers as doubles."""
     flags = []
@@ -532,6 +537,13 @@ COLUMNS: Dict[str, Column] = {
         _unpack_change,
         _pack_change,
         part="server",
+    ),
+    "move_base_changes": Column(
+        "{move_base}/parameter_updates",
+        "dynamic_reconfigure/msg/Config",
+        _unpack_own_change,
+        _pack_change,
+        part_of="changes",
     ),
     "decisions": Column(
         "{applr}/decision", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision

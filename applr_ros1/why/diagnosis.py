@@ -154,7 +154,7 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
     """
     if event.is_outside:
         return  # The description of its bag says why.
-    period = control_period(drive, robot)
+    period = control_period(drive, robot, event.end)
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
     if event.reason == NO_PATH and is_goal_occupied(stretch, robot):

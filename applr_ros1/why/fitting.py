@@ -15,6 +15,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import clocks_differ, one_clock, placed_late
 from applr_ros1.drives.drive import (
     Commands,
@@ -32,7 +33,7 @@ from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
 from applr_ros1.monitor.recorded_twists import checked_twists
 from applr_ros1.planner.plan_cut import cut_plan, transformed
 from applr_ros1.robots import Robot
-from applr_ros1.why.recording import Recording
+from applr_ros1.why.recording import Recording, plan_ends
 from applr_ros1.why.rerun import RerunPlanner
 
 # Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
@@ -42,6 +43,7 @@ LASER_OFF_M = 0.01
 LASER_OFF_RAD = 0.01
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
+OFF_ROUTE_M = 0.3  # distance from which on a followed plan ends beside a global one [m]
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
 
 
@@ -99,6 +101,8 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
     driven = with_velocities(moved.motion)
     notes = [*drive.notes, *laser.notes, *moved.notes, *late_notes, *driven.notes]
     routes = _routes_in_frame(drive, places.routes)
+    if drive.plans and routes:
+        routes = followed_routes(routes, drive.plans)
     plans = plans_of(drive, planned, driven.motion, places.routes, planner)
     drive = replace(
         drive, odometry=driven.motion, scans=laser.scans, plans=plans, routes=routes, notes=notes
@@ -367,6 +371,26 @@ def _routes_in_frame(drive: Drive, route_frame: Optional[RouteFrame]) -> Optiona
     for route, origin in zip(routes.path, route_frame.at_routes):
         paths.append(_seen_from(origin, route))
     return Plans(routes.time, paths)
+
+
+def followed_routes(routes: Plans, plans: Plans) -> Plans:
+    """Return the plans of the global planner without those that were not followed.
+
+    It publishes what somebody else asks it for (make_plan), too: that leads elsewhere. The next
+    plan that is followed lies on move_base's own.
+    """
+    followed_times, followed_ends = plan_ends(plans)
+    own_times = []
+    own_paths = []
+    for time, route in zip(routes.time.tolist(), routes.path):
+        followed_row = int(np.searchsorted(followed_times, time))
+        if len(route) and followed_row < len(followed_times):
+            end = np.array(followed_ends[followed_row][:2])
+            if float(distances(route[:, :2], end).min()) > OFF_ROUTE_M:
+                continue
+        own_times.append(time)
+        own_paths.append(route)
+    return Plans(np.array(own_times), own_paths)
 
 
 def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from typing import (
     NamedTuple,
     Optional,
     Sequence,
+    Set,
     Tuple,
 )
 
@@ -31,6 +32,7 @@ from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
+from applr_ros1.planner.parameters.parameter import RESTORE
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import DriveLimits
@@ -195,8 +197,16 @@ class Replay:
             summary += f"; left out: {', '.join(left_out)}"
         if self.cut_short:
             summary += f"; {self.cut_short:,} of them were compared with the likely messages alone"
-        if not self.drive.changes:
+        known_names: Set[str] = {RESTORE.name, *self.planner.start_values}
+        updated_names: Set[str] = set()
+        for _, server, values in changes_of(self.drive, self.robot):
+            if server == self.planner.name:
+                updated_names.update(values)
+        if not updated_names:
             summary += "; no parameter_updates: the folder's values are assumed"
+        unused_names = sorted(updated_names - known_names)
+        if unused_names:
+            summary += f"; recorded, but not used: {', '.join(unused_names)}"
         return summary
 
     def between(self, begin: float, end: float) -> List[ReplayedCycle]:

@@ -389,18 +389,29 @@ def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stoppe
     assert reasons.silent(stretch_of(slow)) == ""
 
 
-def test_the_time_without_a_plan_is_a_reason(stopped):
+def test_the_time_without_a_plan_is_a_reason_if_nothing_proves_that_there_is_one(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
-    for times, paths, reason in (
-        ([0.0], [path], ""),  # One plan serves the whole drive.
-        ([0.0, 3.2], [path, empty], NO_PATH),
-        ([0.0, 3.2, 4.0], [path, empty, path], ""),  # 0.8 s are less than half of the stretch.
-        ([8.0], [path], NO_PATH),  # The first plan comes after the stretch.
+    waits = replace(stopped, plans=None, planned=None)
+    followed = Plans(np.arange(0.0, 9.0, 0.1), [empty] * 90)
+    early = followed.between(0.0, 3.2)
+    from_bag_on = [Goal("one", 0.0, 9.0)]
+    seen_to_begin = [Goal("one", 1.5, 9.0)]
+    for times, paths, changes, reason in (
+        ([0.0], [path], {}, ""),  # One plan serves the whole drive.
+        ([0.0, 3.2], [path, empty], {}, NO_PATH),
+        ([0.0, 3.2, 4.0], [path, empty, path], {}, ""),  # 0.8 s are less than half of it.
+        # The first plan comes after the stretch: an earlier one may be older than the bag.
+        ([8.0], [path], {"goals": from_bag_on}, ""),
+        ([8.0], [path], {"goals": seen_to_begin}, NO_PATH),
+        # An empty plan for somebody else: what the local planner does shows that it has another.
+        ([0.0, 3.2], [path, empty], {"plans": followed}, ""),
+        ([0.0, 3.2], [path, empty], {"plans": early}, NO_PATH),
+        ([0.0, 3.2], [path, empty], {"planned": stopped.planned}, ""),
+        ([8.0], [path], {"goals": seen_to_begin, "plans": followed}, ""),
     ):
-        routes = Plans(np.array(times), paths)
-        drive = replace(stopped, routes=routes)
-        assert reasons.no_plan(stretch_of(drive)) == reason, times
+        drive = replace(waits, routes=Plans(np.array(times), paths), **changes)
+        assert reasons.no_plan(stretch_of(drive)) == reason, (times, changes)
 
 
 @pytest.mark.parametrize(
@@ -426,6 +437,8 @@ def test_a_goal_in_an_obstacle_is_said_if_there_is_no_path(
     place = np.array([[3.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
     drive = replace(
         stopped,
+        plans=None,
+        planned=None,
         routes=Plans(np.array([0.0]), [np.zeros((0, 3))]),
         scans=scans_of(times, [metres] * len(times)),
         frames={"scans": ["laser"]},
@@ -510,7 +523,10 @@ def test_causes_come_before_what_follows_from_them(stopped):
             {"scans": scans_of(early_times, early_times), "planned": early_commands},
             "there was no scan for 3.0 s",
         ),
-        ({"routes": no_path, "planned": early_commands}, "the global planner finds no path"),
+        (
+            {"routes": no_path, "planned": early_commands, "plans": None},
+            "the global planner finds no path",
+        ),
         # What the monitor blocks does not reach the base.
         (
             {"verdicts": wall, "commands": no_commands},

@@ -103,7 +103,7 @@ def recording_of(
         drive = with_planned(bag.drive(robot, names, (*CHANNELS, "contacts")), robot)
         # The black box records all plans, so that none was found if its bag has none.
         has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in types
-        note = unknown_to_replay(drive, robot)
+        note = unknown_to_replay(drive, robot, types)
         if not note and has_recorded_plans and not has_plan(drive):
             note = NO_PLAN
         if not note:

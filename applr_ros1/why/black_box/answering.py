@@ -68,7 +68,7 @@ def answers_of(messages: Sequence[RawMessage], deserialize: Deserialize) -> Iter
         diagnosis = _unseen(stop, drive, robot)
         diagnosis.note = NO_STOP
     else:
-        diagnosis.note = unknown_to_replay(drive, robot)
+        diagnosis.note = unknown_to_replay(drive, robot, _types(messages))
     outside_answer = replace(answer_of(diagnosis), first_kind=stop.kind)
     yield outside_answer
     if told is None or drive.odometry is None or diagnosis.note or box.unpublished:
