@@ -86,6 +86,11 @@ def drive_of(unpacked: Mapping[str, Sequence[UnpackedRow]], begin_time: int, rob
         setattr(drive, column, np.array(times, np.float64))
     if drive.frames["odometry"]:
         drive.frame = drive.frames["odometry"][0]
+    # A plan without a frame is in that of the others, or else of the odometry.
+    for column in ("plans", "routes"):
+        frames = drive.frames[column]
+        if "" in frames:
+            drive.frames[column] = [name for name in frames if name] or [drive.frame]
     if "source" in unpacked:
         drive.source = unpacked["source"][-1].values["source"]
     return drive

@@ -1,6 +1,6 @@
 """Tests of the events of a drive, and of the reasons that its columns show."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -291,6 +291,19 @@ def test_a_gap_of_the_odometry_is_an_event():
     assert gap.end == pytest.approx(5.0)
     # After its last goal, nobody waits for the robot.
     assert kinds(replace(drive, goals=[Goal("one", 0.0, 2.0)])) == []
+
+
+def test_odometry_that_comes_once_a_second_shows_the_same_stop():
+    drive = drive_of(DRIVES * 3 + STANDS * 2 + DRIVES * 3)
+    each_second = np.arange(0, len(drive.odometry), 20)
+    rare = {}
+    for column in fields(drive.odometry):
+        rare[column.name] = getattr(drive.odometry, column.name)[each_second]
+    # Its messages come up to 0.2 s late.
+    rare["time"] = rare["time"] + np.resize([0.0, 0.2], len(each_second))
+    (event,) = found(replace(drive, odometry=Motion(**rare)))
+    assert event.kind == "stood"
+    assert (event.begin, event.end) == pytest.approx((9.0, 15.0), abs=1.3)
 
 
 def test_a_stop_at_the_same_place_on_the_next_round_is_another_event():
