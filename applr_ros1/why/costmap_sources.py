@@ -6,8 +6,8 @@ from typing import List, NamedTuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.layers import (
-    PREDICTED,
     OBSTACLE_LAYER,
+    PREDICTED,
     TYPES,
     layers,
     marking_lasers,

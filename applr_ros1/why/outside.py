@@ -12,9 +12,9 @@ from applr_ros1.drives.names import topics_of
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
 from applr_ros1.why.black_box.description import DescribedRobot
+from applr_ros1.why.costmap_sources import sources_in
 from applr_ros1.why.diagnosis import Diagnosis, find_stop, give_outside_reason
 from applr_ros1.why.fitting import with_velocities
-from applr_ros1.why.costmap_sources import sources_in
 from applr_ros1.why.limits import REPLAYED, limits_of, planner_of, start_values
 from applr_ros1.why.reasons import DRIVES_SPEED
 

@@ -24,6 +24,7 @@ from applr_ros1.why.black_box.bag_file import Publication
 from applr_ros1.why.black_box.description import DescribedRobot
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.events import Event, RobotStop
+from applr_ros1.why.outside import OTHER_PLANNER
 from tests.support import HANGS, ROOT
 from tests.support.raw_messages import bag_of, description_of, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -257,6 +258,18 @@ def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(words, is_refus
         problem = "limit is -1.0: give"
     with pytest.raises(ApplrError, match=f"^{problem}"):
         node_module.main()
+
+
+def test_beside_another_planner_the_screen_says_once_what_is_not_known(
+    node, parameters, monkeypatch
+):
+    parameters["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
+    monkeypatch.setattr(rospy, "loginfo", MagicMock())
+    for _ in range(2):
+        status_after_a_look(node, monkeypatch)
+    lines = [call.args[0] % call.args[1:] for call in rospy.loginfo.call_args_list]
+    assert lines.count(f"black box: {OTHER_PLANNER}") == 1
+    assert "ready beside /move_base with TebLocalPlannerROS" in lines[0]
 
 
 def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(

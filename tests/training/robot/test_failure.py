@@ -86,9 +86,7 @@ def test_failures_are_worded_by_their_causes_first(stopped):
 
     # A missing path and a contact are named before the planner's refusals.
     no_routes = Plans(np.empty(0), [])
-    lost = failed(
-        stopped, routes=no_routes, plans=None, planned=None, refusals=many_refusals
-    )
+    lost = failed(stopped, routes=no_routes, plans=None, planned=None, refusals=many_refusals)
     assert lost == "the global planner finds no path"
     touches = failed(stopped, contacts=np.array([1.0]), refusals=many_refusals)
     assert touches.startswith("it touches something, and the planner")

@@ -544,6 +544,8 @@ def test_a_bag_of_the_black_box_is_read_back_beside_any_planner(
     assert certainty == f"{note}."
     assert box_answer.first_line == logged_answer.first_line == first_line
     assert box_answer.note == note
+    # The node says it once of a planner.
+    assert (note in box_answer.sentence) == (note != OTHER_PLANNER)
     assert [event.kind for event in box_answer.events] == ["stood"]
 
 

@@ -309,12 +309,6 @@ def test_a_goal_that_is_given_up_long_after_the_odometry_fell_silent_is_a_stop()
     assert given_up.begin == pytest.approx(29.95, abs=0.2)
 
 
-def test_odometry_without_velocities_is_measured_by_its_poses():
-    drive = drive_of(DRIVES * 5)
-    still = replace(drive.odometry, twist=np.zeros_like(drive.odometry.twist))
-    assert stops_of(messages_of(replace(drive, odometry=still))) == []
-
-
 def test_the_detector_starts_anew_when_the_clock_jumps_back():
     detector = StopDetector(JACKAL)
     drive = drive_of(DRIVES + STANDS * 3 + DRIVES)
