@@ -353,6 +353,7 @@ class Drive:
         world: World in which the robot drove, if it is known.
         source: Who drove, and where, as told by the recorder.
         notes: Sentences for people about a recording that differs from what is expected.
+        topics: {topic: its key in COLUMNS} of what was recorded; {} for a simulated drive.
     """
 
     name: str = ""
@@ -385,6 +386,7 @@ class Drive:
     world: Optional[World] = None
     source: Dict[str, Any] = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
+    topics: Dict[str, str] = field(default_factory=dict)
 
     @property
     def end(self) -> float:

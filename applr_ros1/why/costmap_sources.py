@@ -8,7 +8,6 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.layers import (
     OBSTACLE_LAYER,
     PREDICTED,
-    TYPES,
     layers,
     marking_lasers,
     sources,
@@ -17,7 +16,7 @@ from applr_ros1.robots import Robot
 
 
 class CostmapSources(NamedTuple):
-    """Topics of the lasers of a local costmap, and other sources and layers, with their layers."""
+    """Topic of the first laser of a local costmap, if any, and other topics with their layers."""
 
     lasers: List[str]
     others: List[str]
@@ -26,20 +25,17 @@ class CostmapSources(NamedTuple):
 def sources_in(robot: Robot) -> CostmapSources:
     """Return what the local costmap of a robot sees."""
     costmap = branch(robot.all_parameters(), "local_costmap")
-    lasers = []
-    others = []
-    layer_names = []
+    lasers: List[str] = []
+    others: List[str] = []
     for layer in layers("local_costmap", costmap, OBSTACLE_LAYER):
-        layer_names.append(layer.name)
         section = branch(costmap, layer.name)
         laser_names = marking_lasers(section)
         for source_name in sources(section):
-            topic = str(branch(section, source_name).get("topic", source_name))
-            if source_name in laser_names and topic not in lasers[1:]:
+            topic = str(section[source_name]["topic"])
+            if source_name in laser_names and not lasers:
                 lasers.append(topic)
             elif topic not in (PREDICTED, *lasers):
                 others.append(f"{topic} ({layer.name})")
-    for entry in costmap.get("plugins", ()):
-        if entry["type"] not in TYPES and entry["name"] not in layer_names:
-            others.append(f"{entry['name']} ({entry['type']})")
+    known_names = [layer.name for layer in layers("local_costmap", costmap)]
+    others += [entry["name"] for entry in costmap["plugins"] if entry["name"] not in known_names]
     return CostmapSources(lasers, others)

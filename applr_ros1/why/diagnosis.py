@@ -30,10 +30,11 @@ from applr_ros1.why.reasons import (
     unmoved,
 )
 from applr_ros1.why.recording import PursuedGoal
-from applr_ros1.why.replay import Replay, some
+from applr_ros1.why.replay import Replay, ReplayedCycle, some
 from applr_ros1.why.stretch import Stretch, first_of
 from applr_ros1.why.touch import FirstContact, touch_of
 
+POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 EXPLAINED = 5  # number of explained cycles of an event
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
@@ -123,6 +124,38 @@ class Diagnosis:
         return self.replay.recording.goal_at(time)
 
     @property
+    def certainty(self) -> str:
+        """How far the replay agrees with the drive, and with the event that is told."""
+        words = str(self.replay)
+        cycles = self._told_cycles
+        if cycles:
+            count = sum(cycle.reproduced for cycle in cycles)
+            words += f"; {count:,} of {len(cycles):,} in this event"
+        return f"{words}; {self.doubt}" if self.doubt else words
+
+    @property
+    def doubt(self) -> str:
+        """Why the planner's reasons in this replay are not to be trusted; "" if they are.
+
+        What is reproduced elsewhere proves nothing of the event that is told. Stops of move_base
+        itself say nothing about the replay of the local planner.
+        """
+        cycles = self._told_cycles or self.replay.cycles
+        share = sum(cycle.reproduced for cycle in cycles) / len(cycles)
+        if share >= POOR:
+            return ""
+        return (
+            f"only {share:.0%} of the planner's commands are reproduced, so its reasons are not to "
+            "be trusted: its parameters differ, topics or scans are missing, or the computer was "
+            "busy"
+        )
+
+    @property
+    def _told_cycles(self) -> List[ReplayedCycle]:
+        event = self.told
+        return [] if event is None else self.replay.between(event.begin, event.end)
+
+    @property
     def wants_remedy(self) -> bool:
         """True if events took much of the drive, and it was not nearly as fast as possible."""
         odometry = self.motion
@@ -198,6 +231,8 @@ def diagnose(
         for event in found_events:
             event.reason = f"{PART_SEEN}, {beside(*diagnosis.part, digits=1)} of its centre"
             event.is_outside = True
+    if diagnosis.told is not None and not diagnosis.told.is_outside:
+        diagnosis.told.is_guessed = bool(diagnosis.doubt)
     return diagnosis
 
 

@@ -83,6 +83,7 @@ class Event:
         place: Mean position (x, y) [m] in the odometry frame.
         reason: Why, in words; "" if it is not known yet.
         is_outside: Whether the reason lies outside the local planner, which could do nothing.
+        is_guessed: Whether the reason is that of a replay that explains little of the event.
         is_asked: Whether it is the time around a moment that somebody asks about.
         is_arrived: Whether the robot was within both tolerances of its goal for half of it.
         lost: Time that it cost: its duration without that of its way at top speed [s].
@@ -95,6 +96,7 @@ class Event:
     place: Tuple[float, float]
     reason: str = ""
     is_outside: bool = False
+    is_guessed: bool = False
     is_asked: bool = False
     is_arrived: bool = False
     lost: float = 0.0

@@ -35,11 +35,12 @@ FORWARD_SHARE = 0.2
 # Least share of the commanded motion that is a reason if it is blocked. The changes of direction of
 # a planner that hesitates are delayed for less.
 BLOCKED_SHARE = 0.3
-# A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
+# A robot is held if its odometry moves by this much [m] and the scans stay the same.
 HELD_M = 0.5
-SAME_SCAN_M = 0.03
-# A motion by HELD_M shows in a scan if it changes this share of the ranges.
+# A motion shows in a scan if it changes this share of the ranges, each by this share of 1 m and of
+# itself: noise grows with the range.
 CHANGED_SHARE = 0.1
+SAME_SHARE = 0.03
 DIRECTIONS = 120  # number of directions in which a place may look alike
 # The pose jumps if it moves or turns by this much beyond the measured speed [m, rad].
 JUMP_M = 0.3
@@ -301,17 +302,13 @@ def stuck(stretch: Stretch) -> str:
     if moved_distance < HELD_M or _looks_alike(scans):
         return ""
     first_ranges = scans.distances(0)
-    range_changes: List[float] = []
+    shares: List[float] = []
     for scan_row in range(1, len(scans)):
         ranges = scans.distances(scan_row)
         # Some lasers vary the number of their beams.
-        if len(ranges) != len(first_ranges):
-            continue
-        is_return = np.isfinite(ranges) & np.isfinite(first_ranges)
-        if is_return.any():
-            differences = np.abs(ranges[is_return] - first_ranges[is_return])
-            range_changes.append(float(np.median(differences)))
-    if not range_changes or np.median(range_changes) >= SAME_SCAN_M:
+        if len(ranges) == len(first_ranges):
+            shares.append(_changed_share(first_ranges, ranges))
+    if not shares or np.median(shares) >= CHANGED_SHARE:
         return ""
     unseen = f"the scans stay the same while the odometry moves {moved_distance:.1f} m"
     return f"{unseen}: the robot is held, or its wheels slip"
@@ -337,11 +334,18 @@ def _looks_alike(scans: Scans) -> bool:
         # A wall is smooth in the inverse range, also where beams meet it at a small angle.
         bearings = np.arctan2(moved_y, moved_x)
         inverses = 1.0 / np.hypot(moved_x, moved_y)
-        inverse_ranges = np.interp(angles, bearings, inverses, period=2.0 * np.pi)
-        is_changed = np.abs(1.0 / inverse_ranges - ranges) > SAME_SCAN_M * (1.0 + ranges)
-        if is_changed.mean() < CHANGED_SHARE:
+        moved_ranges = 1.0 / np.interp(angles, bearings, inverses, period=2.0 * np.pi)
+        if _changed_share(ranges, moved_ranges) < CHANGED_SHARE:
             return True
     return False
+
+
+def _changed_share(ranges: np.ndarray, others: np.ndarray) -> float:
+    """Return the share of the beams that return in both scans whose ranges (n,) [m] differ."""
+    is_return = np.isfinite(ranges) & np.isfinite(others)
+    differences = np.abs(ranges[is_return] - others[is_return])
+    is_changed = differences > SAME_SHARE * (1.0 + ranges[is_return])
+    return float(is_changed.mean()) if len(is_changed) else 0.0
 
 
 def _asks_for_motion(twist: np.ndarray) -> np.ndarray:

@@ -44,7 +44,6 @@ from applr_ros1.why.rerun import Ahead, RerunPlanner
 # Reasons why a command is no cycle of the local planner
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
 TOO_EARLY = "before the first scan or odometry"
-POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 CLEARED_S = 0.5  # longest time in which move_base clears its costmaps after a call [s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
@@ -168,22 +167,6 @@ class Replay:
     def share_of_cycles(self) -> float:
         """Share of the local planner's commands that are reproduced."""
         return self.reproduced / len(self.cycles)
-
-    @property
-    def is_poor(self) -> bool:
-        """True if the planner's reasons in this replay are not to be trusted."""
-        # Stops of move_base itself say nothing about the replay of the local planner.
-        return self.share_of_cycles < POOR
-
-    @property
-    def doubt(self) -> str:
-        """Why the planner's reasons in this replay are not to be trusted; "" if they are."""
-        if not self.is_poor:
-            return ""
-        return (
-            f"only {self.share_of_cycles:.0%} of the planner's commands are reproduced, so its "
-            "reasons are not to be trusted: its parameters differ, or topics or scans are missing"
-        )
 
     def __str__(self) -> str:
         summary = (

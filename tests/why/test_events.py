@@ -367,13 +367,6 @@ def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
     assert silence(all_times[is_early]) == "there was no scan for 3.0 s"
 
 
-def test_silent_odometry_is_a_reason(stopped):
-    odometry = stopped.odometry.part(slice(0, 56))
-    # Its last message comes at 2.75 s, and commands go on until 8.95 s.
-    drive = replace(stopped, odometry=odometry)
-    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 3.0 s"
-
-
 def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stopped):
     def silences(first, last):
         """Return the reasons if scans, or else commands, are silent from `first` to `last` [s]."""
@@ -523,34 +516,6 @@ def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     assert event.is_outside
 
 
-def test_causes_come_before_what_follows_from_them(stopped):
-    planned = stopped.planned
-    early_commands = planned.part(slice(0, 50))
-    no_commands = Commands(planned.time, 0.0 * planned.twist)
-    early_times = np.arange(0.0, 2.5, 0.1)
-    no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
-    wall = Verdicts(np.array([0.0]), ["stop"], ["a wall"])
-    for columns, reason in (
-        # Without a scan, or without a plan, the planner sends nothing.
-        (
-            {"scans": scans_of(early_times, early_times), "planned": early_commands},
-            "there was no scan for 3.0 s",
-        ),
-        (
-            {"routes": no_path, "planned": early_commands, "plans": None},
-            "the global planner finds no path",
-        ),
-        # What the monitor blocks does not reach the base.
-        (
-            {"verdicts": wall, "commands": no_commands},
-            "the collision monitor blocks 100 % of the commanded motion: a wall",
-        ),
-    ):
-        event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-        give_outside_reason(event, replace(stopped, **columns), JACKAL)
-        assert event.reason == reason
-
-
 def limited(drive, shares, verdicts=None):
     """Return a drive of which shares of the planner's commands reach the base, 20 ms later."""
     planned = drive.planned
@@ -652,13 +617,6 @@ def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_back
     assert blocked(0.39, backing=planned.time >= 0.0) == ""
 
 
-def test_a_base_that_does_not_follow_is_a_reason(stopped):
-    words = "the base did not follow its commands of 0.50 m/s"
-    assert reasons.unmoved(stretch_of(stopped)) == words
-    # From 6 s on the robot drives as it is told.
-    assert reasons.unmoved(stretch_of(stopped, 6.0, 9.0)) == ""
-
-
 def test_a_command_to_drive_sideways_asks_for_motion_and_a_steering_angle_does_not():
     def reason(angles, twist, sideways=0.0):
         """Return the reason of a base that stands with a command, by a parameter of its planner."""
@@ -703,20 +661,6 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     assert reasons.unmoved(stretch_of(with_commands((0.04, 0.15)))) == ""
 
 
-def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped):
-    times = np.arange(0.0, 9.0, 0.1)
-    same_scans = replace(stopped, scans=scans_of(times, np.full(90, 2.0)))
-    words = (
-        "the scans stay the same while the odometry moves 1.5 m: "
-        "the robot is held, or its wheels slip"
-    )
-    assert reasons.stuck(stretch_of(same_scans, 6.0, 9.0)) == words
-    assert reasons.stuck(stretch_of(same_scans)) == ""  # It stands.
-
-    other_scans = replace(stopped, scans=scans_of(times, times))
-    assert reasons.stuck(stretch_of(other_scans, 6.0, 9.0)) == ""
-
-
 def test_scans_that_stay_the_same_while_the_robot_goes_to_and_fro_are_no_reason(stopped):
     times = np.arange(0.0, 9.0, 0.1)
     poses = stopped.odometry.pose.copy()
@@ -753,9 +697,9 @@ def test_a_robot_is_held_if_its_odometry_moves_far_and_its_scans_change_little(s
     # 0.6 m are far, 0.4 m are not.
     assert is_held(end=7.2, change=0.0)
     assert not is_held(end=6.8, change=0.0)
-    # Noise changes ranges by less than 0.03 m.
-    assert is_held(end=9.0, change=0.02)
-    assert not is_held(end=9.0, change=0.04)
+    # Noise changes ranges of 2 m by less than 0.09 m.
+    assert is_held(end=9.0, change=0.08)
+    assert not is_held(end=9.0, change=0.1)
 
 
 def test_a_recovery_that_began_up_to_a_second_before_the_stop_is_a_reason(stopped):
@@ -770,23 +714,6 @@ def test_a_recovery_that_began_up_to_a_second_before_the_stop_is_a_reason(stoppe
     assert reason(1.9, next_plan=8.0) == ""
     # Only its time within the stretch counts: here 1.4 s, less than half of it.
     assert reason(2.1, next_plan=4.4) == ""
-
-
-def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
-    recovers = replace(stopped, recoveries=np.array([3.1]))
-    # Plans were followed all the time.
-    assert reasons.recovering(stretch_of(recovers)) == ""
-    # The next plan comes after the stretch, at 8 s.
-    two_plans = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
-    waits_for_a_plan = replace(recovers, plans=two_plans)
-    assert reasons.recovering(stretch_of(waits_for_a_plan)) == "a recovery behaviour ran"
-
-
-def test_late_commands_are_a_reason(stopped):
-    assert reasons.late(stretch_of(stopped)) == ""
-    every_fourth = stopped.planned.part(slice(0, None, 4))
-    late = replace(stopped, planned=every_fourth)
-    assert reasons.late(stretch_of(late)) == "commands came every 0.20 s instead of every 0.05 s"
 
 
 def test_commands_are_late_from_twice_the_control_period_on(stopped):

@@ -99,6 +99,7 @@ class OpenBag:
         messages = all_received(self._calls(sources), self._name)
         drive = drive_from(messages, robot)
         drive.name = self._name
+        drive.topics = {topic: source.key for topic, source in sources.items()}
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))
         return drive
 

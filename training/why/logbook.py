@@ -296,7 +296,7 @@ def places_of(stops: Sequence[LoggedStop]) -> List[List[LoggedStop]]:
 def set_floors(bags: Sequence[LoggedBag]) -> None:
     """Give bags in one frame the same floor.
 
-    A name is none: maps of two floors may be called alike, and odometry begins anew at each start of
+    Maps of two floors may have one name, and odometry begins anew at each start of
     a robot. Two frames are one if the laser saw the same there, and those of a map also if nothing
     speaks against it.
     """

@@ -125,6 +125,7 @@ def _drive(
     received_messages = all_received(calls, "stop")
     drive = drive_from(received_messages, described_robot.robot)
     drive.name = "stop"
+    drive.topics = {topic: source.key for topic, source in sources.items()}
     return with_planned(drive, described_robot.robot)
 
 

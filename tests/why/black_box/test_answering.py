@@ -13,8 +13,8 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.description import DescribedRobot, driving
 from applr_ros1.why.black_box.stops import HELD
+from applr_ros1.why.diagnosis import POOR
 from applr_ros1.why.events import SAVED, RobotStop
-from applr_ros1.why.replay import POOR
 from tests.support.drives import before_a_monitor, until
 from tests.support.raw_messages import description_of, deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -73,7 +73,7 @@ def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     words = answer.sentence
     assert words.startswith("the robot crept for 12 s at (")
     assert "because no command faster than" in words
-    assert words.endswith(f"; try {PLANNER}/vx_samples 1 -> 2")
+    assert words.endswith(f"; the replay's guess: {PLANNER}/vx_samples 1 -> 2")
 
 
 @pytest.mark.heavy
