@@ -62,7 +62,8 @@ STOPS = (
     ForeignStop("omni", "odometry silent", "was not heard of"),
     ForeignStop("omni", "drives on sideways", ""),
     ForeignStop("mux", "locked", "does not reach the base", command="/move_base/cmd_vel"),
-    ForeignStop("mux", "locked, commands by another name", HELD, command="/nav_vel"),
+    # One node plays both, so that the box does not know whose silence it hears.
+    ForeignStop("mux", "locked, one topic known", "no command came for", command="/nav_vel"),
 )
 
 
@@ -79,6 +80,7 @@ class ForeignStack:
         layer = {"observation_sources": "scan", "scan": {"topic": "/scan"}}
         parameters: Dict[str, Any] = {
             "local_costmap": {**costmap, **layer},
+            "controller_frequency": 10.0,
             PLANNER: {"max_vel_x": SPEED, "max_vel_theta": 1.0},
         }
         planner_type = f"teb_local_planner/{PLANNER}"

@@ -79,7 +79,7 @@ def test_an_answer_is_a_message_and_a_text_in_rviz():
     assert message.reproduced == 0.97
     assert message.sentence == (
         "the robot stood for 6 s at (1.50, -2.00), because there was no scan for 6.0 s; "
-        "try DWAPlannerROS/sim_time 4 -> 2"
+        "the replay's guess: DWAPlannerROS/sim_time 4 -> 2"
     )
     marker = marker_of(message)
     assert marker.text == message.sentence

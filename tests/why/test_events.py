@@ -648,6 +648,9 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     assert reasons.unmoved(stretch_of(turns)) == words
     nothing = Commands(turns.planned.time, 0.0 * turns.planned.twist)
     words = "100 % of the commanded motion does not reach the base"
+    # A mux that is locked until the end may send nothing at all.
+    silent = turns.planned.part(slice(0, 30))
+    assert reasons.blocked(stretch_of(replace(turns, commands=silent))).startswith(words)
     assert reasons.blocked(stretch_of(replace(turns, commands=nothing))).startswith(words)
 
     # Turns to either side all pass, if a little later.
