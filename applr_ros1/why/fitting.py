@@ -121,8 +121,8 @@ def _without_prefix(drive: Drive, robot: Robot) -> Drive:
     if not prefix and laser_frame.endswith(f"_{robot.laser.frame}"):
         prefix = laser_frame[: -len(robot.laser.frame)]
     # Plans may be in a map frame that several robots share, which has no prefix.
-    frame_names = (*drive.frames["odometry"], *drive.frames["scans"])
-    if not all(frame_name.startswith(prefix) for frame_name in frame_names):
+    robot_frames = (*drive.frames["odometry"], *drive.frames["scans"])
+    if not all(frame_name.startswith(prefix) for frame_name in robot_frames):
         return drive
 
     def without(frame_name: str) -> str:
