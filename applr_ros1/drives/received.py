@@ -152,12 +152,18 @@ def received(
     return Received(recording_time, source.key, rows)
 
 
-def drive_from(messages: Sequence[Received], robot: Robot) -> Drive:
-    """Return the drive of messages in the order in which they came.
+def drive_from(messages: Sequence[Received], robot: Robot, is_one: bool = False) -> Drive:
+    """Return the drive of messages in the order in which they came. Times count from the first one.
 
-    Times count from the first one, by the clock at the end if it was set.
+    Args:
+        messages: The messages.
+        robot: Robot that drove.
+        is_one: Whether they are to be one drive by one clock (by_one_clock).
     """
-    messages, notes = by_one_clock(messages)
+    notes: List[str] = []
+    if is_one:
+        messages, notes = by_one_clock(messages)
+    messages = sorted(messages, key=attrgetter("recording_time"))
     # The robot's time at which each message was recorded, since the first one
     robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
     first_time = min((message.recording_time for message in messages), default=0)

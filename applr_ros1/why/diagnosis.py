@@ -30,7 +30,7 @@ from applr_ros1.why.reasons import (
     unmoved,
 )
 from applr_ros1.why.recording import PursuedGoal
-from applr_ros1.why.replay import Replay, ReplayedCycle, some
+from applr_ros1.why.replay import Replay, some
 from applr_ros1.why.stretch import Stretch, first_of
 from applr_ros1.why.touch import FirstContact, touch_of
 
@@ -127,10 +127,8 @@ class Diagnosis:
     def certainty(self) -> str:
         """How far the replay agrees with the drive, and with the event that is told."""
         words = str(self.replay)
-        cycles = self._told_cycles
-        if cycles:
-            count = sum(cycle.reproduced for cycle in cycles)
-            words += f"; {count:,} of {len(cycles):,} in this event"
+        if self.told is not None:
+            words += f"; {reproduced_share(self.replay, self.told):.0%} in this event"
         return f"{words}; {self.doubt}" if self.doubt else words
 
     @property
@@ -140,8 +138,7 @@ class Diagnosis:
         What is reproduced elsewhere proves nothing of the event that is told. Stops of move_base
         itself say nothing about the replay of the local planner.
         """
-        cycles = self._told_cycles or self.replay.cycles
-        share = sum(cycle.reproduced for cycle in cycles) / len(cycles)
+        share = reproduced_share(self.replay, self.told)
         if share >= POOR:
             return ""
         return (
@@ -149,11 +146,6 @@ class Diagnosis:
             "be trusted: its parameters differ, topics or scans are missing, or the computer was "
             "busy"
         )
-
-    @property
-    def _told_cycles(self) -> List[ReplayedCycle]:
-        event = self.told
-        return [] if event is None else self.replay.between(event.begin, event.end)
 
     @property
     def wants_remedy(self) -> bool:
@@ -173,6 +165,14 @@ class Diagnosis:
 
         lost_time = sum(event.seconds for event in self.events)
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
+
+
+def reproduced_share(replay: Replay, event: Optional[Event]) -> float:
+    """Return the share of the cycles of an event, if it has some, that a replay reproduces."""
+    cycles = replay.cycles
+    if event is not None:
+        cycles = replay.between(event.begin, event.end) or cycles
+    return sum(cycle.reproduced for cycle in cycles) / len(cycles)
 
 
 def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
@@ -231,8 +231,8 @@ def diagnose(
         for event in found_events:
             event.reason = f"{PART_SEEN}, {beside(*diagnosis.part, digits=1)} of its centre"
             event.is_outside = True
-    if diagnosis.told is not None and not diagnosis.told.is_outside:
-        diagnosis.told.is_guessed = bool(diagnosis.doubt)
+    for event in found_events:
+        event.is_guessed = not event.is_outside and reproduced_share(replay, event) < POOR
     return diagnosis
 
 

@@ -252,7 +252,7 @@ def _received(drive, situation):
     for time in drive.recoveries.tolist():
         messages.append((time, Received(round((NOON_S + time) * SECOND), "recoveries", [{}])))
     messages.sort(key=lambda message: message[0])
-    recorded = drive_from([message for _, message in messages], JACKAL)
+    recorded = drive_from([message for _, message in messages], JACKAL, is_one=True)
     goal_end = min(drive.goals[0].end, last_time) - first_time
     planned = recorded.planned if recorded.planned is not None else recorded.commands
     return replace(recorded, planned=planned, goals=[Goal("one", 0.0, goal_end)])

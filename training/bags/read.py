@@ -86,6 +86,7 @@ class OpenBag:
         robot: Robot = JACKAL,
         topics: TopicNames = TopicNames(),
         columns: Optional[Collection[str]] = None,
+        is_one: bool = False,
     ) -> Drive:
         """Read the drive. Messages that cannot be unpacked are left out, and logged by topic.
 
@@ -94,10 +95,11 @@ class OpenBag:
             topics: Names of the recorded topics.
             columns: Columns to read; None reads all. Times count from the first message on one of
                 their topics.
+            is_one: Whether the messages are to be one drive by one clock.
         """
         sources = sources_of(self.types, topics, columns)
         messages = all_received(self._calls(sources), self._name)
-        drive = drive_from(messages, robot)
+        drive = drive_from(messages, robot, is_one)
         drive.name = self._name
         drive.topics = {topic: source.key for topic, source in sources.items()}
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))

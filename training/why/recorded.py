@@ -100,7 +100,7 @@ def recording_of(
         # Topics that are options are not looked for.
         types = bag.types
         names = names_in(types, options.topics(), options.given_topics())
-        drive = with_planned(bag.drive(robot, names, (*CHANNELS, "contacts")), robot)
+        drive = with_planned(bag.drive(robot, names, (*CHANNELS, "contacts"), is_one=True), robot)
         # The black box records all plans, so that none was found if its bag has none.
         has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in types
         note = unknown_to_replay(drive, robot, types)

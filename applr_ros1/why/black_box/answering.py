@@ -123,7 +123,7 @@ def _drive(
             receive = partial(received, time, source, data, publication.md5sum, deserialized)
             calls.append((publication.topic, receive))
     received_messages = all_received(calls, "stop")
-    drive = drive_from(received_messages, described_robot.robot)
+    drive = drive_from(received_messages, described_robot.robot, is_one=True)
     drive.name = "stop"
     drive.topics = {topic: source.key for topic, source in sources.items()}
     return with_planned(drive, described_robot.robot)

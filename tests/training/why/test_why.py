@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader, Writer
 
 from applr_ros1 import robots
-from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.columns import SECOND, TopicNames
 from applr_ros1.drives.drive import REACHED, Goal, Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
@@ -20,7 +21,7 @@ from applr_ros1.why.black_box.description import DescribedRobot, driving, unknow
 from applr_ros1.why.black_box.stops import HELD
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
-from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER, SIDEWAYS
+from applr_ros1.why.outside import NO_PLAN, NO_SCAN, OTHER_PLANNER, SIDEWAYS
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
@@ -37,7 +38,7 @@ from tests.support.replays import (
     updates,
 )
 from training.attempts.candidates import CandidateList
-from training.bags.read import BagError
+from training.bags.read import CUT_SHORT, BagError, bags_in
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import remedies
@@ -373,6 +374,18 @@ def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, 
     assert len(errors.splitlines()) == 1
 
 
+def test_without_a_laser_what_is_seen_from_outside_is_said(spoilt, folder, capsys):
+    _, driven = spoilt
+    status, output, _ = ran(capsys, write(folder / "drive.bag", replace(driven, scans=None)))
+    first_line, certainty, seen, unseen, *_ = output.splitlines()
+    assert status == 0
+    assert ": crept at (" in first_line
+    assert certainty == f"{NO_SCAN}."
+    assert "/odometry/filtered" in seen
+    assert "/front/scan" in unseen
+    assert unseen.endswith("record them next time.")
+
+
 @pytest.mark.heavy
 def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, folder, capsys):
     _, driven = spoilt
@@ -587,3 +600,38 @@ def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, argument
     assert status == 1
     assert output == ""
     assert problem in errors.splitlines()[-1]
+
+
+# -- files
+def test_a_clock_that_was_set_back_is_noticed_in_the_order_of_the_file(spoilt, folder, capsys):
+    _, driven = spoilt
+    path = write(folder / "drive.bag", until(driven, 6.0))
+    _, expected, _ = ran(capsys, path, "--quick")
+    with Reader(path) as reader, Writer(folder / "set.bag") as writer:
+        connections = {}
+        begin = reader.start_time
+        for connection, time, raw_message in reader.messages():
+            if connection.topic not in connections:
+                connections[connection.topic] = writer.add_connection(
+                    connection.topic,
+                    connection.msgtype,
+                    msgdef=connection.msgdef.data,
+                    md5sum=connection.digest,
+                )
+            # The robot's own clock, that of the stamps, was not set.
+            hours = 1 if time < begin + 3 * SECOND else 0
+            writer.write(connections[connection.topic], time + hours * 3600 * SECOND, raw_message)
+    _, output, errors = ran(capsys, folder / "set.bag", "--quick")
+    assert output.splitlines()[0] == expected.splitlines()[0]
+    assert "all times jump by -3,600.0 s after 3.0 s: the clock was set" in errors
+
+
+def test_a_bag_that_a_folder_leaves_out_is_named_with_the_remedy(tmp_path, caplog):
+    for name in ("a.bag", "b.bag.active", "c.db3.zstd", "a.bag.why.json"):
+        (tmp_path / name).write_bytes(b"")
+    assert bags_in([tmp_path]) == [tmp_path / "a.bag"]
+    remedies = [record.getMessage().rpartition("left out: ")[2] for record in caplog.records]
+    assert remedies == [CUT_SHORT, "unpack it"]
+    (tmp_path / "a.bag").unlink()
+    with pytest.raises(BagError, match="rosbag reindex"):
+        bags_in([tmp_path])
