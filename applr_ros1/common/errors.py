@@ -114,7 +114,13 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         program: Name of the program as the user typed it, for example "./applr evaluate".
     """
     try:
-        return main() or 0
+        exit_status = main() or 0
+        sys.stdout.flush()
+        return exit_status
+    except BrokenPipeError:
+        # Whoever read the output has ended, as head does. What is left of it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except KeyboardInterrupt as interrupt:
         exit_status = 128 + signal.SIGINT
         line = str(interrupt) or "stopped"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter, defaultdict
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from operator import attrgetter
 from typing import (
@@ -80,14 +81,19 @@ def sources_of(
         if columns is not None and column_of(key) not in columns:
             continue
         # A topic such as MOVE_BASE/SERVER/parameter_updates; a server's name may hold slashes.
-        pattern = topic_of(key, names)
-        prefix, _, suffix = pattern.partition("*")
-        for topic, message_type in types.items():
-            if fnmatchcase(topic, pattern) and column.accepts(message_type):
-                part = {}
-                if column.part:
-                    part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
-                sources[topic] = TopicSource(key, part)
+        patterns = {topic_of(key, names): column.part}
+        if column_of(key) == "goals":
+            # move_base_flex has several actions: MOVE_BASE/ACTION/status.
+            flex_names = replace(names, move_base=f"{names.move_base}/*")
+            patterns[topic_of(key, flex_names)] = "action"
+        for pattern, part_name in patterns.items():
+            prefix, _, suffix = pattern.partition("*")
+            for topic, message_type in types.items():
+                if fnmatchcase(topic, pattern) and column.accepts(message_type):
+                    part = {}
+                    if part_name:
+                        part[part_name] = topic[len(prefix) : len(topic) - len(suffix)]
+                    sources[topic] = TopicSource(key, part)
     return sources
 
 

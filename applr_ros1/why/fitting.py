@@ -9,7 +9,7 @@ refused; what differs from the robot's files is said in a note.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import List, NamedTuple, Optional, Sequence, Set
+from typing import List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
         ApplrError: Frames differ, and tf does not connect them.
     """
     # What is there, and where: each column is asked for once, and tf.
-    drive = _without_prefix(drive)
+    drive = _without_prefix(drive, robot)
     _check_frames(drive)
     odometry_frame = drive.frame
     # The plans that were followed are in the frame of the local costmap.
@@ -114,15 +114,16 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
 
 
 # -- frames ----------------------------------------------------------------------------------------
-def _without_prefix(drive: Drive) -> Drive:
-    """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix)."""
+def _without_prefix(drive: Drive, robot: Robot) -> Drive:
+    """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix) or robot1_."""
+    laser_frame = drive.frames["scans"][0]
+    prefix = "".join(laser_frame.rpartition("/")[:2])
+    if not prefix and laser_frame.endswith(f"_{robot.laser.frame}"):
+        prefix = laser_frame[: -len(robot.laser.frame)]
     # Plans may be in a map frame that several robots share, which has no prefix.
-    prefixes: Set[str] = set()
-    for frame_name in (*drive.frames["odometry"], *drive.frames["scans"]):
-        prefixes.add(frame_name.rpartition("/")[0])
-    if len(prefixes) != 1 or "" in prefixes:
+    robot_frames = (*drive.frames["odometry"], *drive.frames["scans"])
+    if not all(frame_name.startswith(prefix) for frame_name in robot_frames):
         return drive
-    prefix = f"{prefixes.pop()}/"
 
     def without(frame_name: str) -> str:
         return frame_name[len(prefix) :] if frame_name.startswith(prefix) else frame_name

@@ -251,8 +251,9 @@ def _blocked_of_commands(stretch: Stretch, planned: Commands, commands: Commands
 
     # The next command to the base answers the planner's, unless it comes late. While the base still
     # brakes before a change of direction, it has another sign.
-    next_rows = np.searchsorted(commands.time, planned.time).clip(max=len(commands) - 1)
-    times = np.minimum(commands.time[next_rows], planned.time + PASS_ON_S)
+    next_rows = np.searchsorted(commands.time, planned.time)
+    next_times = np.append(commands.time, np.inf)[next_rows]
+    times = np.minimum(next_times, planned.time + PASS_ON_S)
     passed_rows = latest_rows(commands, times)
     passed_commands = commands.twist[passed_rows].copy()
     # What a silent mux sent last is over.

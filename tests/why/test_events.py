@@ -1,6 +1,6 @@
 """Tests of the events of a drive, and of the reasons that its columns show."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from applr_ros1.why.diagnosis import NOT_ENDED, OCCUPIED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.limits import control_period
 from applr_ros1.why.reasons import NO_PATH
+from applr_ros1.why.recorded import with_planned
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -249,6 +250,11 @@ def test_there_are_no_events_without_a_goal():
     odometry = drive.odometry
     early_commands = Commands(odometry.time[:60], odometry.twist[:60])
     assert kinds(replace(without_status, planned=early_commands)) == []
+    # Commands that pause for as long as between two goals end it, too.
+    pauses = drive_of(DRIVES + STANDS * 4 + DRIVES)
+    moving_rows = pauses.odometry.twist.any(axis=1)
+    with_pause = Commands(pauses.odometry.time[moving_rows], pauses.odometry.twist[moving_rows])
+    assert kinds(replace(pauses, goals=[], planned=with_pause)) == []
     # Nor was there one before the first command to move.
     waits_first = drive_of(STANDS + DRIVES)
     assert kinds(waits_first) == ["stood"]
@@ -285,6 +291,19 @@ def test_a_gap_of_the_odometry_is_an_event():
     assert gap.end == pytest.approx(5.0)
     # After its last goal, nobody waits for the robot.
     assert kinds(replace(drive, goals=[Goal("one", 0.0, 2.0)])) == []
+
+
+def test_odometry_that_comes_once_a_second_shows_the_same_stop():
+    drive = drive_of(DRIVES * 3 + STANDS * 2 + DRIVES * 3)
+    each_second = np.arange(0, len(drive.odometry), 20)
+    rare = {}
+    for column in fields(drive.odometry):
+        rare[column.name] = getattr(drive.odometry, column.name)[each_second]
+    # Its messages come up to 0.2 s late.
+    rare["time"] = rare["time"] + np.resize([0.0, 0.2], len(each_second))
+    (event,) = found(replace(drive, odometry=Motion(**rare)))
+    assert event.kind == "stood"
+    assert (event.begin, event.end) == pytest.approx((9.0, 15.0), abs=1.3)
 
 
 def test_a_stop_at_the_same_place_on_the_next_round_is_another_event():
@@ -598,6 +617,25 @@ def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_back
     assert blocked(0.39, backing=planned.time >= 0.0) == ""
 
 
+def test_a_command_to_drive_sideways_asks_for_motion_and_a_steering_angle_does_not():
+    def reason(angles, twist, sideways=0.0):
+        """Return the reason of a base that stands with a command, by a parameter of its planner."""
+        robot = JACKAL.with_parameters({JACKAL.local_planner: angles}, "cart")
+        stands = drive_of(STANDS)
+        commands = Commands(
+            stands.planned.time, np.tile(twist, (60, 1)), np.full(60, float(sideways))
+        )
+        commanded = with_planned(replace(stands, planned=None, commands=commands), robot)
+        return reasons.unmoved(stretch_of(commanded, 0.0, 3.0))
+
+    words = "the base did not follow its commands of 0.40"
+    assert reason({}, (0.0, 0.0), sideways=0.4) == f"{words} m/s"
+    assert reason({}, (0.0, 0.4)) == f"{words} rad/s"
+    has_angles = {"cmd_angle_instead_rotvel": True}
+    assert reason(has_angles, (0.0, 0.4)) == ""
+    assert reason(has_angles, (0.4, 0.4)) == f"{words} m/s"
+
+
 def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_reason(stopped):
     def with_commands(twist, measured=(0.0, 0.0)):
         """Return the drive if this is commanded, and the base drives as measured, all the time."""
@@ -610,6 +648,9 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     assert reasons.unmoved(stretch_of(turns)) == words
     nothing = Commands(turns.planned.time, 0.0 * turns.planned.twist)
     words = "100 % of the commanded motion does not reach the base"
+    # A mux that is locked until the end may send nothing at all.
+    silent = turns.planned.part(slice(0, 30))
+    assert reasons.blocked(stretch_of(replace(turns, commands=silent))).startswith(words)
     assert reasons.blocked(stretch_of(replace(turns, commands=nothing))).startswith(words)
 
     # Turns to either side all pass, if a little later.

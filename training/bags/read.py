@@ -175,8 +175,11 @@ def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
     except FileError as error:
         message = str(error)
         cause = error.__cause__
+        active_path = Path(f"{path}.active")
         if Path(path).name.endswith(ACTIVE_SUFFIX):
             message += f": {CUT_SHORT}"
+        elif active_path.exists():
+            message += f"; there is {active_path.name}: {CUT_SHORT}"
         elif isinstance(cause, AnyReaderError) and "index" in str(cause):
             message += ": if its recording was cut short, run rosbag reindex"
         raise BagError(message) from error

@@ -131,9 +131,7 @@ class CollisionMonitorNode:
             with self._lock:
                 try:
                     self._take_scans()
-                    self._broadcaster.broadcast(
-                        self._clock.now, self.monitor.matcher.correction
-                    )
+                    self._broadcaster.broadcast(self._clock.now, self.monitor.matcher.correction)
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)

@@ -51,7 +51,8 @@ def test_failures_are_worded_by_their_causes_first(stopped):
         "path": 1,
     }
     many_refusals = Refusals(times, [rejecting_cycle] * 30 + [{}] * 150)
-    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
+    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly because of the "
+    rejects += "critic obstacle"
     assert failed(stopped, refusals=many_refusals) == rejects
     few_refusals = Refusals(times, [{}] * 170 + [rejecting_cycle] * 10)
     assert failed(stopped, refusals=few_refusals).startswith(STANDS)

@@ -511,6 +511,15 @@ def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, bag_path):
     assert str(refusal.value).endswith(problem)
 
 
+def test_a_plan_without_a_frame_is_in_that_of_the_odometry(driven, bag_path):
+    with BagWriter(bag_path, JACKAL, names()) as writer:
+        without_plans = replace(until(driven, 1.0), plans=None, routes=None)
+        writer.write(without_plans)
+        put_plan(writer, 1.5, "", driven.plans.path[0])
+    (plan,) = read_back(bag_path).plans.path
+    assert np.allclose(plan, driven.plans.path[0])
+
+
 def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driven, bag_path):
     """The map lies a whole number of cells away, so that the costmap has the same cells."""
     odom_in_map = (-3.2, 1.6, 0.0)
@@ -537,18 +546,21 @@ def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driv
     assert share(read_back_drive) > 0.9
 
 
-def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path):
+@pytest.mark.parametrize("prefix", ["robot1/", "robot1_"])
+def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path, prefix):
     one_second = until(driven, 1.0)
     odometry_of_tf = drifting(one_second.odometry)
-    transforms = robots_links(odometry_of_tf, "robot1/odom", "robot1/base_link")
+    transforms = robots_links(odometry_of_tf, f"{prefix}odom", f"{prefix}base_link")
     drive = replace(one_second, transforms=transforms)
-    bag_path = in_frames(tmp_path / "a.bag", drive, odom="robot1/odom", laser="robot1/front_laser")
+    bag_path = in_frames(
+        tmp_path / "a.bag", drive, odom=f"{prefix}odom", laser=f"{prefix}front_laser"
+    )
     read_back_drive = read_back(bag_path)
     assert np.allclose(read_back_drive.odometry.pose, odometry_of_tf.pose)
 
     # A prefix of the scans alone is no prefix of the robot: it may be another robot's laser.
-    bag_path = in_frames(tmp_path / "b.bag", drive, laser="robot1/front_laser")
-    with pytest.raises(BagError, match="scans in robot1/front_laser, jackal has front_laser"):
+    bag_path = in_frames(tmp_path / "b.bag", drive, laser=f"{prefix}front_laser")
+    with pytest.raises(BagError, match=f"scans in {prefix}front_laser, jackal has front_laser"):
         read_back(bag_path)
 
 

@@ -17,11 +17,11 @@ from applr_ros1.why import alternatives
 from applr_ros1.why.answer import answer_of
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import read_messages
-from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
+from applr_ros1.why.black_box.description import DescribedRobot, driving, unknown_robot
 from applr_ros1.why.black_box.stops import HELD
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
-from applr_ros1.why.outside import NO_PLAN, NO_SCAN, OTHER_PLANNER
+from applr_ros1.why.outside import NO_PLAN, NO_SCAN, OTHER_PLANNER, SIDEWAYS
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
@@ -519,6 +519,46 @@ def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(
     assert told["begin"] == pytest.approx(1.0 + expected, abs=0.1)
     assert words in told["sentence"]
     assert told["reason"].startswith("no command faster than") == (kind == HELD)
+
+
+@pytest.mark.parametrize(
+    ("planner", "sideways", "note"),
+    [
+        ({"base_local_planner": "teb_local_planner/TebLocalPlannerROS"}, 0.4, OTHER_PLANNER),
+        ({"base_local_planner": "mpc_local_planner/MpcLocalPlannerROS"}, 0.0, OTHER_PLANNER),
+        ({"controllers": [{"name": "eband", "type": "eband/EBandPlannerROS"}]}, 0.0, OTHER_PLANNER),
+        ({"base_local_planner": "dwa_local_planner/DWAPlannerROS"}, 0.4, SIDEWAYS),
+    ],
+)
+def test_a_bag_of_the_black_box_is_read_back_beside_any_planner(
+    folder, capsys, planner, sideways, note
+):
+    # Given: a robot that stands from 3 to 9 s, and then drives sideways, or ahead
+    tree = {**JACKAL.parameters(), **planner}
+    if "controllers" in tree:
+        del tree["base_local_planner"]
+    robot = driving(JACKAL, tree)
+    leftward = np.repeat([0.0, sideways], [180, 180])
+    driven = drive_of(DRIVES + STANDS * 2 + (STANDS if sideways else DRIVES) * 3, sideways=leftward)
+    driven = replace(driven, planners=[robot.local_planner])
+    stop = RobotStop("stood", 4.0, 9.0, (1.5, 0.0))
+    bag_path = box_bag(folder / "stop.bag", robot, driven, True, stop)
+
+    # When: the box answers, and the desk, alone and in a logbook
+    *_, box_answer = answers_of(list(read_messages(bag_path.read_bytes())), deserialize)
+    status, output, errors = ran(capsys, bag_path)
+    logged_answer = answer_to(bag_path, BagAnswerOptions(quick=True)).answer
+
+    # Then: all tell the one stop, and what is not known of it
+    assert status == 0, errors
+    first_line, certainty, *_ = output.splitlines()
+    assert first_line.startswith("3.0 to 8.9 s: stood at (1.50, 0.00)")
+    assert certainty == f"{note}."
+    assert box_answer.first_line == logged_answer.first_line == first_line
+    assert box_answer.note == note
+    # The node says it once of a planner.
+    assert (note in box_answer.sentence) == (note != OTHER_PLANNER)
+    assert [event.kind for event in box_answer.events] == ["stood"]
 
 
 @pytest.mark.heavy
