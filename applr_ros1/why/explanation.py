@@ -170,8 +170,13 @@ def _explain_illegal(
     illegal_count = len(moment.illegal_rows)
     faster_count = int(moment.drives_on.sum())
     if illegal_count == faster_count and not moment.drives_on[moment.winner]:
-        explanation.words = f"every faster command {objection}"
         explanation.is_blocked = True
+        if obstacle is None and moment.is_below_minimum:
+            # A robot that backs out brakes first, whatever its values: that is no reason.
+            if not moment.can_drive_off:
+                explanation.words = _nothing_faster(moment)
+        else:
+            explanation.words = f"every faster command {objection}"
     explanation.lines.append(
         f"{illegal_count} of {faster_count} faster samples are illegal; "
         f"{_in_words(moment, straightest_row)} {objection}."

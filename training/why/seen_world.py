@@ -7,42 +7,67 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import NamedTuple, Tuple
+from typing import List, NamedTuple, Tuple
 
 import numpy as np
 import yaml
 
-from applr_ros1.common.angles import Pose, transform_point
+from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.files import write_bytes
-from applr_ros1.drives.drive import Motion, Scans
+from applr_ros1.drives.drive import Motion
 from applr_ros1.robots import Robot
 from applr_ros1.why.recording import Recording
 from worlds import Course, World
 from worlds.map_reader import FREE, OCCUPIED, boxes
 from worlds.world import NO_CIRCLE_M, Grid
 
-RESOLUTION_M = 0.05  # edge of a cell [m]
-SCANS = 120  # largest number of scans that are used
-BEAMS = 240  # largest number of beams of a scan that are used
-HITS = 2  # least number of beams that end in an occupied cell
-HIT_SHARE = 0.3  # least share of them among the beams that reach the cell
+RESOLUTION_M = 0.02  # edge of a cell: the smallest gap that a robot drives through must stay open [m]
+SCANS = 240  # largest number of scans that are used
+HIT_SHARE = 0.3  # least share of the beams that reach an occupied cell which end there
+HALF_CELL_M = 0.7 * RESOLUTION_M  # distance of a corner from the centre of a cell [m]
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
 
 
-class DriveBeams(NamedTuple):
-    """Beams of a drive in the odometry frame.
+class PlacedScan(NamedTuple):
+    """Scan of a drive in the odometry frame.
 
     Attributes:
-        origins: (n, 2) places of the laser [m].
-        directions: (n, 2) unit vectors.
-        lengths: (n,) ranges, or the reach of the laser for beams without a return [m].
-        hits: (n,) whether a beam has a return.
+        pose: Pose (x, y, yaw) of the laser.
+        first_angle: Angle of the first beam in the frame of the laser [rad].
+        increment: Angle between beams [rad].
+        range_max: Reach of beams without a return [m].
+        ranges: (n,) ranges [m]; inf for beams without a return, NaN for beams that show nothing.
     """
 
-    origins: np.ndarray
-    directions: np.ndarray
-    lengths: np.ndarray
-    hits: np.ndarray
+    pose: Pose
+    first_angle: float
+    increment: float
+    range_max: float
+    ranges: np.ndarray
+
+    @property
+    def hit_points(self) -> np.ndarray:
+        """Points (k, 2) [m] at which beams end."""
+        beams = np.flatnonzero(np.isfinite(self.ranges))
+        angles = self.first_angle + self.increment * beams
+        ranges = self.ranges[beams]
+        x, y = transform_point(self.pose, ranges * np.cos(angles), ranges * np.sin(angles))
+        return np.column_stack([x, y])
+
+    def excess(self, points: np.ndarray) -> np.ndarray:
+        """Return how far the beams towards points (k, 2) go beyond them (k,) [m].
+
+        The excess is negative for points behind what a beam shows, NaN where there is no beam.
+        """
+        ahead, left = transform_point(inverse(self.pose), *points.T)
+        turns = (np.arctan2(left, ahead) - self.first_angle) % (2.0 * np.pi)
+        if self.increment < 0.0:
+            turns -= 2.0 * np.pi
+        beams = np.rint(turns / self.increment).astype(int)
+        ranges = np.full(len(points), np.nan)
+        has_beam = beams < len(self.ranges)
+        ranges[has_beam] = self.ranges[beams[has_beam]]
+        return ranges.clip(max=self.range_max) - np.hypot(ahead, left)
 
 
 class Raster(NamedTuple):
@@ -60,22 +85,27 @@ class Raster(NamedTuple):
 def seen_grid(recording: Recording) -> Grid:
     """Return the map that the laser saw, in the odometry frame."""
     odometry = recording.odometry
-    rays = _rays(recording.scans, odometry, recording.laser_pose)
-    beam_ends = rays.origins + rays.lengths[:, None] * rays.directions
-    hit_points = beam_ends[rays.hits]
-    driven_path = odometry.pose[:, :2]
-    raster = _raster_around(np.vstack([hit_points, driven_path]))
+    scans = _placed_scans(recording)
+    hit_points = np.vstack([scan.hit_points for scan in scans])
+    raster = _raster_around(np.vstack([hit_points, odometry.pose[:, :2]]))
 
-    # A cell is occupied if enough of the beams that reach it end there: single beams end in free
-    # space at edges, and an obstacle that moved on is seen through later.
-    ending_beams = _counts(hit_points, raster)
-    passing_beams = _passed(rays, raster)
+    # Cells in which beams end. The robot was where it drove, so that nothing else was.
+    is_hit = (_counts(hit_points, raster) > 0) & ~_driven_over(odometry, recording.robot, raster)
+    rows, columns = np.nonzero(is_hit)
+    centres = raster.corner + RESOLUTION_M * (np.column_stack([columns, rows]) + 0.5)
+
+    # A cell is occupied if enough of the beams that reach its centre end there: single beams end in
+    # free space at edges, and an obstacle that moved on is seen through later.
+    ending_beams = np.zeros(len(centres), int)
+    passing_beams = np.zeros(len(centres), int)
+    for scan in scans:
+        excess = scan.excess(centres)
+        ending_beams += np.abs(excess) <= HALF_CELL_M
+        passing_beams += excess > HALF_CELL_M
     reaching_beams = ending_beams + passing_beams
-    hit_share = ending_beams / np.maximum(reaching_beams, 1)
-    is_occupied = (ending_beams >= HITS) & (hit_share >= HIT_SHARE)
-    # The robot was there, so that nothing else was.
-    is_occupied &= ~_driven_over(odometry, recording.robot, raster)
-    cells = np.where(is_occupied, OCCUPIED, FREE).astype(np.int8)
+    is_occupied = ending_beams >= np.maximum(HIT_SHARE * reaching_beams, 1)
+    cells = np.full(raster.shape, FREE, np.int8)
+    cells[rows[is_occupied], columns[is_occupied]] = OCCUPIED
     x, y = raster.corner.tolist()
     return Grid(cells, RESOLUTION_M, (x, y, 0.0))
 
@@ -115,40 +145,26 @@ def write_map(grid: Grid, path: str) -> None:
     write_bytes(path, yaml.safe_dump(map_fields, sort_keys=False).encode())
 
 
-def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> DriveBeams:
-    """Return beams of scans that are evenly spread over a drive."""
+def _placed_scans(recording: Recording) -> List[PlacedScan]:
+    """Return scans that are evenly spread over a drive."""
+    scans = recording.scans
     chosen_rows = np.linspace(0, len(scans) - 1, SCANS).astype(int)
-    rays_by_scan = []
-    for scan_row in np.unique(chosen_rows):
-        rays_by_scan.append(_rays_of(scans, int(scan_row), odometry, laser_pose))
-    # The beams of all scans, one after the other
-    origins, directions, lengths, hits = map(np.concatenate, zip(*rays_by_scan))
-    return DriveBeams(origins, directions, lengths, hits)
-
-
-def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> DriveBeams:
-    """Return beams of one scan."""
-    first_angle, increment, _, range_max = scans.fan[row]
-    # Neighbouring beams of a fine scan end in the same cells.
-    beam_step = max(1, len(scans.ranges[row]) // BEAMS)
-    ranges = scans.distances(row)[::beam_step].astype(float)
-    is_return = np.isfinite(ranges)
-    is_valid = is_return | np.isposinf(ranges)
-
-    x, y, yaw = odometry.pose_at(scans.stamp[row])
-    laser_x, laser_y, laser_yaw = laser_pose
-    origin = transform_point((x, y, yaw), laser_x, laser_y)
-    first_direction = yaw + laser_yaw + first_angle
-    angles = first_direction + increment * beam_step * np.arange(len(ranges))
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    lengths = np.where(is_return, ranges, range_max)
-    origins = np.broadcast_to(origin, directions.shape)
-    return DriveBeams(
-        origins=origins[is_valid],
-        directions=directions[is_valid],
-        lengths=lengths[is_valid],
-        hits=is_return[is_valid],
-    )
+    placed_scans = []
+    for row in np.unique(chosen_rows).tolist():
+        first_angle, increment, _, range_max = scans.fan[row].tolist()
+        x, y, yaw = recording.odometry.pose_at(scans.stamp[row])
+        laser_x, laser_y, laser_yaw = recording.laser_pose
+        origin_x, origin_y = transform_point((x, y, yaw), laser_x, laser_y)
+        placed_scans.append(
+            PlacedScan(
+                pose=(origin_x, origin_y, yaw + laser_yaw),
+                first_angle=first_angle,
+                increment=increment,
+                range_max=range_max,
+                ranges=scans.distances(row).astype(float),
+            )
+        )
+    return placed_scans
 
 
 def _raster_around(points: np.ndarray) -> Raster:
@@ -162,19 +178,6 @@ def _raster_around(points: np.ndarray) -> Raster:
     size_in_cells = np.ceil((highest - corner) / RESOLUTION_M)
     columns, rows = size_in_cells.astype(int).tolist()
     return Raster(corner, (rows, columns))
-
-
-def _passed(rays: DriveBeams, raster: Raster) -> np.ndarray:
-    """Return how many beams pass through each cell (ny, nx) before they end."""
-    beam_counts = np.zeros(raster.shape, int)
-    # The last cell belongs to the end of a beam.
-    free_lengths = rays.lengths - RESOLUTION_M
-    farthest = float(free_lengths.max(initial=0.0))
-    for distance in np.arange(0.0, farthest, RESOLUTION_M):
-        goes_on = free_lengths > distance
-        points = rays.origins[goes_on] + distance * rays.directions[goes_on]
-        beam_counts += _counts(points, raster)
-    return beam_counts
 
 
 def _counts(points: np.ndarray, raster: Raster) -> np.ndarray:
