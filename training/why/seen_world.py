@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import List, NamedTuple, Tuple
+from typing import List, NamedTuple, Sequence
 
 import numpy as np
 import yaml
@@ -21,10 +21,12 @@ from worlds import Course, World
 from worlds.map_reader import FREE, OCCUPIED, boxes
 from worlds.world import NO_CIRCLE_M, Grid
 
-RESOLUTION_M = 0.02  # edge of a cell: the smallest gap that a robot drives through must stay open [m]
+# Edge of a cell in which robots drive [m]: coarser cells close gaps that small robots pass.
+RESOLUTION_M = 0.02
+MAP_RESOLUTION_M = 0.05  # edge of a cell of a map that is written, as of map_saver's usual ones [m]
 SCANS = 240  # largest number of scans that are used
+REACH = 0.7  # distance of a corner from the centre of a cell [cells]
 HIT_SHARE = 0.3  # least share of the beams that reach an occupied cell which end there
-HALF_CELL_M = 0.7 * RESOLUTION_M  # distance of a corner from the centre of a cell [m]
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
 
 
@@ -70,44 +72,33 @@ class PlacedScan(NamedTuple):
         return ranges.clip(max=self.range_max) - np.hypot(ahead, left)
 
 
-class Raster(NamedTuple):
-    """Cells of a map.
+def seen_grid(recording: Recording, resolution: float = RESOLUTION_M) -> Grid:
+    """Return the map that the laser saw, in the odometry frame.
 
-    Attributes:
-        corner: (2,) lower left corner x, y [m].
-        shape: Numbers of rows and columns.
+    Args:
+        recording: The recorded drive.
+        resolution: Edge of a cell [m].
     """
-
-    corner: np.ndarray
-    shape: Tuple[int, int]
-
-
-def seen_grid(recording: Recording) -> Grid:
-    """Return the map that the laser saw, in the odometry frame."""
     odometry = recording.odometry
     scans = _placed_scans(recording)
     hit_points = np.vstack([scan.hit_points for scan in scans])
-    raster = _raster_around(np.vstack([hit_points, odometry.pose[:, :2]]))
 
-    # Cells in which beams end. The robot was where it drove, so that nothing else was.
-    is_hit = (_counts(hit_points, raster) > 0) & ~_driven_over(odometry, recording.robot, raster)
-    rows, columns = np.nonzero(is_hit)
-    centres = raster.corner + RESOLUTION_M * (np.column_stack([columns, rows]) + 0.5)
+    # Cells lie on multiples of the resolution, so that maps of one place have the same cells.
+    hit_cells = np.unique(np.floor(hit_points / resolution).astype(int), axis=0)
+    centres = (hit_cells + 0.5) * resolution
+    is_occupied = _ends_beams(scans, centres, REACH * resolution)
+    # The robot was where it drove, so that nothing else was.
+    is_occupied &= ~_driven_over(odometry, recording.robot, centres)
 
-    # A cell is occupied if enough of the beams that reach its centre end there: single beams end in
-    # free space at edges, and an obstacle that moved on is seen through later.
-    ending_beams = np.zeros(len(centres), int)
-    passing_beams = np.zeros(len(centres), int)
-    for scan in scans:
-        excess = scan.excess(centres)
-        ending_beams += np.abs(excess) <= HALF_CELL_M
-        passing_beams += excess > HALF_CELL_M
-    reaching_beams = ending_beams + passing_beams
-    is_occupied = ending_beams >= np.maximum(HIT_SHARE * reaching_beams, 1)
-    cells = np.full(raster.shape, FREE, np.int8)
-    cells[rows[is_occupied], columns[is_occupied]] = OCCUPIED
-    x, y = raster.corner.tolist()
-    return Grid(cells, RESOLUTION_M, (x, y, 0.0))
+    places = np.vstack([hit_points, odometry.pose[:, :2]])
+    first_cell = np.floor((places.min(axis=0) - MARGIN_M) / resolution).astype(int)
+    last_cell = np.floor((places.max(axis=0) + MARGIN_M) / resolution).astype(int)
+    column_count, row_count = last_cell - first_cell + 1
+    columns, rows = (hit_cells[is_occupied] - first_cell).T
+    cells = np.full((row_count, column_count), FREE, np.int8)
+    cells[rows, columns] = OCCUPIED
+    x, y = (first_cell * resolution).tolist()
+    return Grid(cells, resolution, (x, y, 0.0))
 
 
 def seen_world(grid: Grid, name: str, start: Pose, goal: Pose) -> World:
@@ -167,47 +158,30 @@ def _placed_scans(recording: Recording) -> List[PlacedScan]:
     return placed_scans
 
 
-def _raster_around(points: np.ndarray) -> Raster:
-    """Return the cells of a map that holds points (n, 2) [m] and a margin around them.
+def _ends_beams(scans: Sequence[PlacedScan], points: np.ndarray, reach: float) -> np.ndarray:
+    """Return whether enough of the beams that reach each point (n, 2) end within `reach` [m] of it.
 
-    Corners lie on multiples of the resolution, so that maps of one place have the same cells.
+    Single beams end in free space at edges, and an obstacle that moved on is seen through later.
     """
-    lowest = points.min(axis=0) - MARGIN_M
-    highest = points.max(axis=0) + MARGIN_M
-    corner = np.floor(lowest / RESOLUTION_M) * RESOLUTION_M
-    size_in_cells = np.ceil((highest - corner) / RESOLUTION_M)
-    columns, rows = size_in_cells.astype(int).tolist()
-    return Raster(corner, (rows, columns))
+    ending_beams = np.zeros(len(points), int)
+    passing_beams = np.zeros(len(points), int)
+    for scan in scans:
+        excess = scan.excess(points)
+        ending_beams += np.abs(excess) <= reach
+        passing_beams += excess > reach
+    reaching_beams = ending_beams + passing_beams
+    is_seen: np.ndarray = ending_beams >= np.maximum(HIT_SHARE * reaching_beams, 1)
+    return is_seen
 
 
-def _counts(points: np.ndarray, raster: Raster) -> np.ndarray:
-    """Return the number of points (n, 2) [m] in each cell (ny, nx)."""
-    row_count, column_count = raster.shape
-    offsets_in_cells = (points - raster.corner) / RESOLUTION_M
-    columns, rows = np.floor(offsets_in_cells).astype(int).T
-    is_inside = (columns >= 0) & (columns < column_count)
-    is_inside &= (rows >= 0) & (rows < row_count)
-    # One number for each cell, row after row
-    cell_numbers = rows[is_inside] * column_count + columns[is_inside]
-    counts = np.bincount(cell_numbers, minlength=row_count * column_count)
-    return counts.reshape(raster.shape)
-
-
-def _driven_over(odometry: Motion, robot: Robot, raster: Raster) -> np.ndarray:
-    """Return the cells (ny, nx) within the body of the robot at one of its poses."""
-    # Points on the body at half of a cell's distance, so that no cell between them is missed
-    body_length, body_width = robot.body.size[:2]
-    centre_x, centre_y = robot.body.centre
-    spacing = RESOLUTION_M / 2
-    forward = np.arange(-body_length / 2, body_length / 2 + 1e-9, spacing) + centre_x
-    lateral = np.arange(-body_width / 2, body_width / 2 + 1e-9, spacing) + centre_y
-    grid_x, grid_y = np.meshgrid(forward, lateral)
-
-    is_driven_over = np.zeros(raster.shape, bool)
+def _driven_over(odometry: Motion, robot: Robot, points: np.ndarray) -> np.ndarray:
+    """Return whether each point (n, 2) lies within the body of the robot at one of its poses."""
+    half_size = 0.5 * np.array(robot.body.size[:2])
+    is_driven_over = np.zeros(len(points), bool)
     # A robot that stands repeats its pose in every message.
     distinct_poses = np.unique(odometry.pose.round(2), axis=0)
     for pose in distinct_poses.tolist():
-        x, y = transform_point(pose, grid_x.ravel(), grid_y.ravel())
-        body_points = np.column_stack([x, y])
-        is_driven_over |= _counts(body_points, raster) > 0
+        ahead, left = transform_point(inverse(pose), *points.T)
+        offsets = np.abs(np.column_stack([ahead, left]) - robot.body.centre)
+        is_driven_over |= (offsets <= half_size).all(axis=1)
     return is_driven_over
