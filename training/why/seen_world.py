@@ -1,19 +1,21 @@
 """World that a robot's laser saw during a drive: its walls are cells in which many beams end.
 
-What no beam has reached is free: a planner that explores may find out there what it likes.
+What no beam has reached is free but right behind a wall: a planner that explores may find out there
+what it likes.
 """
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import List, NamedTuple, Sequence
+from typing import Sequence
 
 import numpy as np
 import yaml
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.files import write_bytes
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Motion
 from applr_ros1.robots import Robot
 from applr_ros1.why.recording import Recording
@@ -24,52 +26,11 @@ from worlds.world import NO_CIRCLE_M, Grid
 # Edge of a cell in which robots drive [m]: coarser cells close gaps that small robots pass.
 RESOLUTION_M = 0.02
 MAP_RESOLUTION_M = 0.05  # edge of a cell of a map that is written, as of map_saver's usual ones [m]
-SCANS = 240  # largest number of scans that are used
+SCANS = 120  # largest number of scans that are used
 REACH = 0.7  # distance of a corner from the centre of a cell [cells]
 HIT_SHARE = 0.3  # least share of the beams that reach an occupied cell which end there
+BEHIND_M = 0.1  # depth behind a hit of what is occupied unless a beam passes through it [m]
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
-
-
-class PlacedScan(NamedTuple):
-    """Scan of a drive in the odometry frame.
-
-    Attributes:
-        pose: Pose (x, y, yaw) of the laser.
-        first_angle: Angle of the first beam in the frame of the laser [rad].
-        increment: Angle between beams [rad].
-        range_max: Reach of beams without a return [m].
-        ranges: (n,) ranges [m]; inf for beams without a return, NaN for beams that show nothing.
-    """
-
-    pose: Pose
-    first_angle: float
-    increment: float
-    range_max: float
-    ranges: np.ndarray
-
-    @property
-    def hit_points(self) -> np.ndarray:
-        """Points (k, 2) [m] at which beams end."""
-        beams = np.flatnonzero(np.isfinite(self.ranges))
-        angles = self.first_angle + self.increment * beams
-        ranges = self.ranges[beams]
-        x, y = transform_point(self.pose, ranges * np.cos(angles), ranges * np.sin(angles))
-        return np.column_stack([x, y])
-
-    def excess(self, points: np.ndarray) -> np.ndarray:
-        """Return how far the beams towards points (k, 2) go beyond them (k,) [m].
-
-        The excess is negative for points behind what a beam shows, NaN where there is no beam.
-        """
-        ahead, left = transform_point(inverse(self.pose), *points.T)
-        turns = (np.arctan2(left, ahead) - self.first_angle) % (2.0 * np.pi)
-        if self.increment < 0.0:
-            turns -= 2.0 * np.pi
-        beams = np.rint(turns / self.increment).astype(int)
-        ranges = np.full(len(points), np.nan)
-        has_beam = beams < len(self.ranges)
-        ranges[has_beam] = self.ranges[beams[has_beam]]
-        return ranges.clip(max=self.range_max) - np.hypot(ahead, left)
 
 
 def seen_grid(recording: Recording, resolution: float = RESOLUTION_M) -> Grid:
@@ -80,13 +41,14 @@ def seen_grid(recording: Recording, resolution: float = RESOLUTION_M) -> Grid:
         resolution: Edge of a cell [m].
     """
     odometry = recording.odometry
-    scans = _placed_scans(recording)
-    hit_points = np.vstack([scan.hit_points for scan in scans])
+    chosen_rows = np.linspace(0, len(recording.scans) - 1, SCANS).astype(int)
+    scans = [recording.scan(row) for row in np.unique(chosen_rows).tolist()]
+    hit_points = np.vstack([_hit_points(scan, resolution) for scan in scans])
 
     # Cells lie on multiples of the resolution, so that maps of one place have the same cells.
     hit_cells = np.unique(np.floor(hit_points / resolution).astype(int), axis=0)
     centres = (hit_cells + 0.5) * resolution
-    is_occupied = _ends_beams(scans, centres, REACH * resolution)
+    is_occupied = _is_solid(scans, centres, REACH * resolution)
     # The robot was where it drove, so that nothing else was.
     is_occupied &= ~_driven_over(odometry, recording.robot, centres)
 
@@ -136,42 +98,52 @@ def write_map(grid: Grid, path: str) -> None:
     write_bytes(path, yaml.safe_dump(map_fields, sort_keys=False).encode())
 
 
-def _placed_scans(recording: Recording) -> List[PlacedScan]:
-    """Return scans that are evenly spread over a drive."""
-    scans = recording.scans
-    chosen_rows = np.linspace(0, len(scans) - 1, SCANS).astype(int)
-    placed_scans = []
-    for row in np.unique(chosen_rows).tolist():
-        first_angle, increment, _, range_max = scans.fan[row].tolist()
-        x, y, yaw = recording.odometry.pose_at(scans.stamp[row])
-        laser_x, laser_y, laser_yaw = recording.laser_pose
-        origin_x, origin_y = transform_point((x, y, yaw), laser_x, laser_y)
-        placed_scans.append(
-            PlacedScan(
-                pose=(origin_x, origin_y, yaw + laser_yaw),
-                first_angle=first_angle,
-                increment=increment,
-                range_max=range_max,
-                ranges=scans.distances(row).astype(float),
-            )
-        )
-    return placed_scans
+def _hit_points(scan: LaserScan, spacing: float) -> np.ndarray:
+    """Return points (k, 2) [m] where beams end, and others up to BEHIND_M behind them.
+
+    Args:
+        scan: The scan.
+        spacing: Distance of the points of a beam [m].
+    """
+    beams = np.flatnonzero(np.isfinite(scan.distances))
+    depths = np.arange(0.0, BEHIND_M, spacing)
+    angles = np.repeat(scan.angle_min + scan.angle_increment * beams, len(depths))
+    ranges = np.add.outer(scan.distances[beams], depths).ravel()
+    x, y = transform_point(scan.sensor_pose, ranges * np.cos(angles), ranges * np.sin(angles))
+    return np.column_stack([x, y])
 
 
-def _ends_beams(scans: Sequence[PlacedScan], points: np.ndarray, reach: float) -> np.ndarray:
+def _excess(scan: LaserScan, points: np.ndarray) -> np.ndarray:
+    """Return how far the beams towards points (k, 2) go beyond them (k,) [m].
+
+    The excess is negative for points behind what a beam shows, NaN where there is no beam.
+    """
+    ahead, left = transform_point(inverse(scan.sensor_pose), *points.T)
+    turns = (np.arctan2(left, ahead) - scan.angle_min) % (2.0 * np.pi)
+    if scan.angle_increment < 0.0:
+        turns -= 2.0 * np.pi
+    beams = np.rint(turns / scan.angle_increment).astype(int)
+    ranges = np.full(len(points), np.nan)
+    has_beam = beams < len(scan.ranges)
+    ranges[has_beam] = scan.distances[beams[has_beam]]
+    return ranges.clip(max=scan.range_max) - np.hypot(ahead, left)
+
+
+def _is_solid(scans: Sequence[LaserScan], points: np.ndarray, reach: float) -> np.ndarray:
     """Return whether enough of the beams that reach each point (n, 2) end within `reach` [m] of it.
 
-    Single beams end in free space at edges, and an obstacle that moved on is seen through later.
+    A point that no beam reaches lies behind what was hit, which is not as thin as a line. Single
+    beams end in free space at edges, and an obstacle that moved on is seen through later.
     """
     ending_beams = np.zeros(len(points), int)
     passing_beams = np.zeros(len(points), int)
     for scan in scans:
-        excess = scan.excess(points)
+        excess = _excess(scan, points)
         ending_beams += np.abs(excess) <= reach
         passing_beams += excess > reach
     reaching_beams = ending_beams + passing_beams
-    is_seen: np.ndarray = ending_beams >= np.maximum(HIT_SHARE * reaching_beams, 1)
-    return is_seen
+    is_solid: np.ndarray = ending_beams >= HIT_SHARE * reaching_beams
+    return is_solid
 
 
 def _driven_over(odometry: Motion, robot: Robot, points: np.ndarray) -> np.ndarray:

@@ -188,7 +188,9 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
     refused = Candidate((one_point,))
 
     with Pool(0) as pool:
-        trials = try_out([course_in(course, pool)], [refused, MENDED])
+        # At a narrow door, a sound Jackal hesitates with some seeds.
+        patient = course._replace(limit=40.0)
+        trials = try_out([course_in(patient, pool)], [refused, MENDED])
 
     assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
@@ -420,7 +422,7 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
     judged = tried(MENDED, 12.0, 12.0, 9.0)
     trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [chosen], [judged])
     lines = diagnosed(replayed, trials).lines
-    assert lines[1] == "Nothing that was tried helped with each seed."
+    assert lines[1] == "Nothing that was tried helped clearly."
     assert lines[-1] == (
         "   vx_samples 1 -> 6: arrives 2 of 2 in 8 s; with other seeds arrives 3 of 3 in 11 s"
     )
