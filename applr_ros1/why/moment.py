@@ -215,15 +215,9 @@ class CycleMoment:
         return None
 
     @property
-    def is_below_minimum(self) -> bool:
-        """True if even the fastest sample is slower than the planner allows."""
-        return bool(self.samples.velocities[:, 0].max() < self.values.get("min_vel_trans", 0.0))
-
-    @property
-    def can_drive_off(self) -> bool:
-        """True if a robot that stands reaches the slowest speed that is allowed in one cycle."""
-        gain = self.samples.velocities[:, 0].max() - self.asked.twist[0]
-        return bool(gain >= self.values["min_vel_trans"])
+    def fastest_speed(self) -> float:
+        """Speed of the fastest sample [m/s]."""
+        return float(self.samples.velocities[:, 0].max())
 
     @property
     def leads_back(self) -> bool:

@@ -119,13 +119,10 @@ def _excess(scan: LaserScan, points: np.ndarray) -> np.ndarray:
     The excess is negative for points behind what a beam shows, NaN where there is no beam.
     """
     ahead, left = transform_point(inverse(scan.sensor_pose), *points.T)
-    turns = (np.arctan2(left, ahead) - scan.angle_min) % (2.0 * np.pi)
-    if scan.angle_increment < 0.0:
-        turns -= 2.0 * np.pi
-    beams = np.rint(turns / scan.angle_increment).astype(int)
-    ranges = np.full(len(points), np.nan)
-    has_beam = beams < len(scan.ranges)
-    ranges[has_beam] = scan.distances[beams[has_beam]]
+    # Some lasers count their beams clockwise.
+    turns = np.copysign(1.0, scan.angle_increment) * (np.arctan2(left, ahead) - scan.angle_min)
+    beams = np.rint(turns % (2.0 * np.pi) / abs(scan.angle_increment)).astype(int)
+    ranges = np.append(scan.distances, np.nan)[beams.clip(max=len(scan.ranges))]
     return ranges.clip(max=scan.range_max) - np.hypot(ahead, left)
 
 
@@ -136,12 +133,11 @@ def _is_solid(scans: Sequence[LaserScan], points: np.ndarray, reach: float) -> n
     beams end in free space at edges, and an obstacle that moved on is seen through later.
     """
     ending_beams = np.zeros(len(points), int)
-    passing_beams = np.zeros(len(points), int)
+    reaching_beams = np.zeros(len(points), int)
     for scan in scans:
         excess = _excess(scan, points)
         ending_beams += np.abs(excess) <= reach
-        passing_beams += excess > reach
-    reaching_beams = ending_beams + passing_beams
+        reaching_beams += excess >= -reach
     is_solid: np.ndarray = ending_beams >= HIT_SHARE * reaching_beams
     return is_solid
 
