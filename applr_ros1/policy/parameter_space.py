@@ -6,7 +6,8 @@ Jackal's space, and `SPACE.chosen` its subspace of the paper's eight parameters.
 
 A parameter may set several values, to which the robot's files may give different numbers. At its
 value in theta_0, the parameter leaves each of them as the files have it. At any other value, it
-sets all of them to the same number.
+sets all of them to the same number, but for the inflation of the global costmap: no number that is
+set lets plans lead through a gap that is narrower than the robot.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,10 @@ from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.common.trees import branch
+from applr_ros1.planner.costmap.footprint import passing_radius
 from applr_ros1.planner.parameters import obstacle_range
+from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
@@ -30,6 +34,9 @@ from applr_ros1.robots.robot import Target
 # Values of a local planner that limit its speed, and that max_speed of the nodes limits in turn.
 # TrajectoryPlannerROS drives at min_vel_x even if max_vel_x is lower.
 SPEED_LIMITS = ("max_vel_x", "max_vel_trans", "min_vel_x")
+
+GLOBAL_COSTMAP, _ = COSTMAPS
+INFLATION_RADIUS = "inflation_radius"
 
 
 class ParameterSet(NamedTuple):
@@ -68,6 +75,7 @@ class Space:
         targets: {parameter: addresses of the values of move_base that it sets}. A parameter is read
             back from its first address.
         defaults: Values at all addresses in the robot's files, which may lie outside the ranges.
+        global_costmap: Parameters of the global costmap in the robot's files.
         robot: Name of the robot.
         fixed: Names of the parameters that policies in the paper's encoding do not choose.
     """
@@ -79,6 +87,7 @@ class Space:
     theta0: np.ndarray
     targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
     defaults: Settings = field(default_factory=lambda: Settings({}))
+    global_costmap: Mapping[str, Any] = field(default_factory=dict)
     robot: str = "jackal"
     fixed: Tuple[str, ...] = ()
 
@@ -98,6 +107,7 @@ class Space:
             theta0=self.theta0[chosen_indices],
             targets={name: self.targets.get(name, ()) for name in chosen_names},
             defaults=self.defaults,
+            global_costmap=self.global_costmap,
             robot=self.robot,
         )
 
@@ -232,7 +242,22 @@ class Space:
             if values[name] == self.theta0[parameter_index]:
                 value = self.defaults[target.server][target.name]
             settings.setdefault(target.server, {})[target.name] = value
+        self._keep_plans_passable(settings)
         return Settings(settings)
+
+    def _keep_plans_passable(self, settings: Dict[str, Dict[str, Any]]) -> None:
+        """Raise the inflation of the global costmap to the smallest one that plans need.
+
+        The radius of the robot's files stays. That of the local costmap may be smaller, since the
+        local planner checks the whole footprint.
+        """
+        global_costmap = {**self.global_costmap, **settings.get(GLOBAL_COSTMAP, {})}
+        for server, values in settings.items():
+            if not server.startswith(f"{GLOBAL_COSTMAP}/") or INFLATION_RADIUS not in values:
+                continue
+            radius = values[INFLATION_RADIUS]
+            if radius != self.defaults[server][INFLATION_RADIUS]:
+                values[INFLATION_RADIUS] = max(radius, passing_radius(global_costmap))
 
     def read_back(self, settings: Settings) -> Array:
         """Return the parameters (n,) float64 that are in force in the settings of the servers."""
@@ -341,6 +366,7 @@ def unchecked_space(robot: Robot) -> Space:
         theta0=np.array(theta0, dtype=np.float64),
         targets=targets,
         defaults=Settings(defaults),
+        global_costmap=branch(tree, GLOBAL_COSTMAP),
         robot=robot.name,
         fixed=tuple(fixed_names),
     )

@@ -48,7 +48,8 @@ class StallRule:
     driven backwards or has stood, and drives for DRIVING_S, by turns. If the plan leads ahead, it
     drives with random parameters and with those of its method, by turns. The method comes first
     where the robot has turned, because it has failed in another direction. The costmaps are cleared
-    every CLEARING_S. A method refuses with `redraws_stalled` (Method).
+    every CLEARING_S. A robot within the tolerance of its goal is not stuck. A method refuses with
+    `redraws_stalled` (Method).
 
     Args:
         robot: Description of the robot.
@@ -63,6 +64,7 @@ class StallRule:
         self.count = 0
         self._encoding = DimensionlessEncoding(robot, PERIOD)
         self._stuck = Stuck(robot.world_scale)
+        self._goal_tolerance = robot.goal_tolerance
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -85,7 +87,10 @@ class StallRule:
         plan_leads_back = _leads_back(context)
         v, _ = context.twist
         is_stuck = self._stuck.update(context.time, context.pose, v, plan_leads_back)
-        if not is_stuck or not method.redraws_stalled:
+        # A robot that stands within the tolerance has arrived, or turns to the goal's heading.
+        goal_distance = math.dist(context.pose[:2], context.goal[:2])
+        has_arrived = goal_distance <= self._goal_tolerance
+        if not is_stuck or has_arrived or not method.redraws_stalled:
             self._end()
             return None
         since_clearing = context.time - self._last_clearing

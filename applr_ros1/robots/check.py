@@ -28,7 +28,13 @@ from applr_ros1.planner.parameters.declarations import (
     of_kind,
     servers,
 )
-from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers, section_in_files
+from applr_ros1.planner.parameters.layers import (
+    COSTMAPS,
+    INFLATION_LAYER,
+    STATIC_LAYER,
+    layers,
+    section_in_files,
+)
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
@@ -173,6 +179,7 @@ def remarks(robot: Robot) -> List[Remark]:
         found_remarks += _odometry_remarks(setup)
         found_remarks += _range_remarks(setup)
         found_remarks += _clearing_remarks(setup)
+        found_remarks += _inflation_remarks(setup)
         for costmap in COSTMAPS:
             found_remarks += _costmap_remarks(setup, costmap)
     return found_remarks
@@ -611,8 +618,24 @@ def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
         yield Remark(line, _correction(setup, source.path, corrected_values))
 
 
+def _inflation_remarks(setup: _Setup) -> Iterator[Remark]:
+    """Yield layers of the global costmap that let plans lead through gaps narrower than the robot."""
+    costmap, _ = COSTMAPS
+    values = setup.full[costmap]
+    for layer in layers(costmap, values, INFLATION_LAYER):
+        radius = branch(setup.full, layer.path)["inflation_radius"]
+        smallest_radius = round(footprint.passing_radius(values), 3)
+        if radius >= smallest_radius:
+            continue
+        problem = "plans lead through gaps that are narrower than the robot"
+        remedy = f"raise it to {smallest_radius:g}, for the footprint's inscribed radius"
+        line = f"{layer.path}/inflation_radius is {radius:g}: {problem}, {remedy}"
+        correction = _correction(setup, layer.path, {"inflation_radius": smallest_radius})
+        yield Remark(line, correction)
+
+
 def _correction(setup: _Setup, path: str, values: Mapping[str, Any]) -> Dict[str, Any]:
-    """Return the correction that sets values of a costmap's source at a path."""
+    """Return the correction that sets values of a costmap's source or layer at a path."""
     correction: Dict[str, Any] = {}
     branch(correction, section_in_files(setup.tree, path), create=True).update(values)
     return correction

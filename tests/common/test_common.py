@@ -11,7 +11,6 @@ import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -43,7 +42,12 @@ from tests.support.refusals import refused
     ],
 )
 def test_a_command_ends_in_one_line_and_a_status(capsys, outcome, status, line):
-    assert run_main(Mock(side_effect=[outcome]), "p") == status
+    def command():
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return outcome
+
+    assert run_main(command, "p") == status
     assert capsys.readouterr().err == line
 
 
@@ -62,7 +66,10 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert files.read_json(json_file) == {"a": 1}
 
     # The disk is full before the new file has its name.
-    monkeypatch.setattr(os, "fsync", Mock(side_effect=OSError(28, "No space left on device")))
+    def fills_the_disk(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fills_the_disk)
     with pytest.raises(ApplrError, match=r"file.json: .*No space left on device.* untouched"):
         files.write_bytes(json_file, b"other")
     assert files.read_json(json_file) == {"a": 1}

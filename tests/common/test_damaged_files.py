@@ -3,7 +3,6 @@ with the name of the file.
 """
 
 import json
-import re
 import time
 import warnings
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ import safetensors.numpy
 import worlds
 from applr_ros1 import robots
 from applr_ros1.common import files
-from applr_ros1.common.errors import LONGEST_VALUE, ApplrError, run_main, shown
+from applr_ros1.common.errors import LONGEST_VALUE, ApplrError, shown
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import THETA_0
 from applr_ros1.robots import parameter_files
@@ -228,14 +227,6 @@ def test_an_error_of_a_reader_is_found_with_its_traceback_on_request(capsys, mon
     with pytest.raises(ApplrError), files.reading("a.bag"):
         SimpleNamespace().stamp  # noqa: B018
     assert "SimpleNamespace().stamp" in capsys.readouterr().err
-
-
-def test_a_command_ends_with_the_line_of_the_file(capsys, tmp_path):
-    (tmp_path / SET).write_text("{")
-    assert run_main(lambda: methods.make(str(tmp_path / SET)), "p") == 1
-    error_text = capsys.readouterr().err
-    assert re.match(f"p: {tmp_path / SET}: cannot be read", error_text)
-    assert error_text.count("\n") == 1
 
 
 def test_aliases_and_merges_of_parameter_files_are_read():

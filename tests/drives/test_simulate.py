@@ -5,7 +5,6 @@ In most tests the planner is a stub; the stack around it, the rules and the outc
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from applr_ros1.drives.outcome import Leg, nearest, outcome_of
 from applr_ros1.drives.recorder import UNKNOWN
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
@@ -32,7 +30,8 @@ from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import JACKAL
 from applr_ros1.stack.simulated import SimulatedRobot
-from applr_ros1.stack.stack import Stack, Step
+from applr_ros1.stack.stack import Stack
+from tests.support.robots import FakeMoveBase, Script
 from training.env.reward import failed
 from worlds import Course, Mover, World
 from worlds.occupancy import occupancy
@@ -40,76 +39,6 @@ from worlds.occupancy import occupancy
 NORTH = math.pi / 2
 PERIOD = 2.0  # time between two decisions [s]
 CYCLE_S = 0.05  # time between two commands [s]
-
-
-class FakeMoveBase:
-    """Planner stub that gives each command (v, w) for a second, and the last one forever.
-
-    It is silent while a command is None. After `end` cycles it gives its `result`, and the robot
-    stands.
-    """
-
-    goal = None
-    map_topics = ()  # It has no static layer.
-    global_frame = "odom"
-
-    def __init__(self, *commands, end=None, result=None, variant="ours"):
-        self.commands = commands
-        self.end = end
-        self.result = result
-        self.goals = []
-        self.requests = []
-        self.steps = []
-        self.scans = []
-        self.held = []
-        self.parameters = {"applr": {"movers": False}}
-        self.goal_tolerance = 0.25
-        self.variant = variant
-        diagonal = 0.1 * np.arange(40)
-        self.global_plan = np.column_stack([diagonal, diagonal, np.zeros(40)])
-
-    def reset(self, time, seed=None):
-        self.steps.clear()
-
-    def set_goal(self, goal, time):
-        self.goals.append((goal, time))
-        self.goal = goal
-
-    def make_plan(self, start, goal, tolerance=0.0):
-        return self.global_plan
-
-    def put_in_force(self, settings):
-        in_force = {}
-        for server, values in settings.items():
-            self.requests.append((server, values))
-            in_force[server] = dict(values)
-            if "vx_samples" in values:
-                in_force[server]["vx_samples"] = 7  # The server changes this value.
-        return in_force
-
-    def report_held(self, held):
-        self.held.append(held)
-
-    def step(self, time, pose, twist, scan, local_origin):
-        self.steps.append((time, pose, twist))
-        self.scans.append(scan)
-        cycle_count = len(self.steps)
-        command = None
-        if self.goals:
-            second = (cycle_count - 2) // 20
-            command = self.commands[min(second, len(self.commands) - 1)]
-            if self.end is not None and cycle_count > self.end:
-                _, w = command
-                command = (0.0, w)
-        result = None
-        if self.end is not None and cycle_count == self.end + 1:
-            result = self.result
-        return SimpleNamespace(
-            planned=cycle_count % 10 == 1,
-            command=command,
-            result=result,
-            new_plan=cycle_count % 10 == 1,
-        )
 
 
 def straight(obstacle=None):
@@ -715,23 +644,8 @@ def test_a_decision_may_clear_the_costmaps_before_it_takes_effect(monkeypatch):
     assert [decision.cleared for decision in course_drive.drive.decisions] == [False, True, False]
 
 
-class Standing:
-    """Script that commands nothing."""
-
-    goal_tolerance = 0.0
-
-    def reset(self, now, seed):
-        pass
-
-    def set_goal(self, goal, now):
-        pass
-
-    def step(self, now, pose, twist, scan=None, local_origin=None):
-        return Step(Cycle(), verdict=None, command=None)
-
-
 def test_a_script_has_no_plan_and_its_drive_no_scan_for_a_decision():
-    simulated = SimulatedRobot(sim_bridge.make("kinematic"), Standing())
+    simulated = SimulatedRobot(sim_bridge.make("kinematic"), Script(command=None))
     drive, _ = short_drive(None, simulated, record=True)
     assert drive.observed is None
     assert drive.goals[-1].status == TIMED_OUT

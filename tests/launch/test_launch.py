@@ -11,8 +11,9 @@ import shutil
 import signal
 import subprocess
 import time
-from unittest.mock import Mock
+from unittest.mock import create_autospec
 
+import actionlib
 import numpy as np
 import psutil
 import pytest
@@ -266,7 +267,9 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
 
     # The clock stands at 1 s when the drive begins.
     move_to(1.0, setup.world.course.start, (speed, 0.0))
-    client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
+    client = create_autospec(actionlib.SimpleActionClient, instance=True)
+    client.get_state.side_effect = state
+    client.get_goal_status_text.return_value = "no way"
     observer.client = client
     drive = observer.drive(2.0, check)
     last_goal = drive.goals[-1]

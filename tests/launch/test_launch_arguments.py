@@ -17,7 +17,7 @@ import roslaunch.loader
 import roslaunch.xmlloader
 
 from applr_ros1.common import arguments
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import run_main
 from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo, launcher, play, send_goal
 from applr_ros1.nodes.viewer import admission
@@ -470,24 +470,12 @@ def test_errors_of_the_nodes_are_shown_from_the_start_of_the_master_on(monkeypat
     assert capfd.readouterr().err == "first\nsecond\n"
 
 
-def test_poses_and_switches_are_read_as_launch_files_write_them():
-    assert arguments.pose("goal", "-3.0,1.2, 1.57") == (-3.0, 1.2, 1.57)
-    for argument, is_on in (("true", True), ("False", False), ("1", True), ("0", False)):
-        assert arguments.boolean("map", argument) is is_on
-    for reader, argument, reported in (
-        (arguments.pose, "1 nan 0", "1 nan 0"),
-        (arguments.pose, "", "empty"),
-        (arguments.boolean, "perhaps", "perhaps"),
-    ):
-        with pytest.raises(ApplrError, match=f"^a is {reported}: give"):
-            reader("a", argument)
-    for argument, prefix in (
-        ("", ""),
-        ("none", ""),
-        ("robot1", "robot1/"),
-        ("/robot1/", "robot1/"),
-    ):
-        assert arguments.frame_prefix(argument) == prefix
+@pytest.mark.parametrize(
+    ("argument", "prefix"),
+    [("", ""), ("none", ""), ("robot1", "robot1/"), ("/robot1/", "robot1/")],
+)
+def test_a_frame_prefix_ends_with_a_slash(argument, prefix):
+    assert arguments.frame_prefix(argument) == prefix
 
 
 def test_no_goal_is_sent_if_the_goal_is_none(monkeypatch):

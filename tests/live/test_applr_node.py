@@ -2,7 +2,6 @@
 robots, methods.
 """
 
-import json
 import re
 import time
 from typing import NamedTuple, Optional
@@ -12,10 +11,9 @@ import pytest
 import rosgraph
 import rosnode
 import rospy
-from applr_ros1.msg import Movers, Parameters
+from applr_ros1.msg import Parameters
 from applr_ros1.srv import SetMethod
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 from std_srvs.srv import Empty, EmptyResponse, SetBool
 
 from applr_ros1.nodes import conversions
@@ -557,40 +555,3 @@ def test_a_stalled_robot_leaves_its_constant_set_and_its_costmaps_are_cleared(
     monkeypatch.undo()
     wait_for(lambda: clear_requests, "cleared costmaps")
     clearing_service.shutdown()
-
-
-PRINTER = """\
-import json
-from applr_ros1.policy.methods import Method
-
-class Printer(Method):
-    def theta(self, context):
-        ends = [*context.goal, *context.plan[-1]]
-        print(json.dumps([*context.pose, *context.twist, *ends, *context.movers.flat]), flush=True)
-        return context.theta
-"""
-
-
-def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):
-    (tmp_path / "printer.py").write_text(PRINTER)
-    node = stack("%s:Printer" % (tmp_path / "printer.py")).node
-    starts_deciding(robot)
-    # The node started after the goal was published, and uses the plan's end instead.
-    plan_end = robot.path[-1]
-    tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
-
-    def observed_with(*movers):
-        """Publish moving obstacles (x, y, vx, vy each), and return whether the latest decision
-        observed them.
-        """
-        x, y, vx, vy = np.reshape(movers, (-1, 4)).T
-        tracked.publish(Movers(Header(stamp=rospy.Time.now(), frame_id="odom"), x, y, vx, vy, x))
-        # The printer's lines start with the robot's x, 0.5 m.
-        printed_lines = [line for line in node.text.splitlines() if line.startswith("[0.5,")]
-        return json.loads(printed_lines[-1]) == pytest.approx(
-            [*robot.pose, *robot.twist, *plan_end, 0.0, *plan_end, *movers]
-        )
-
-    for movers in ((), (1.0, 2.0, 0.5, -0.5, 3.0, 0.0, 0.0, 1.0), ()):
-        wait_for(lambda movers=movers: observed_with(*movers), "the moving obstacles")
-    assert node.text.count("decision refused") == 0

@@ -16,10 +16,8 @@ from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetPlan
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
 from std_srvs.srv import Empty
 
-from applr_ros1.common.angles import yaw_of
 from applr_ros1.nodes.conversions import twist
 from tests.support import ROOT
 from tests.support.gazebo import GazeboSimulation, goal, model_state
@@ -175,45 +173,6 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     assert position_after.y == pytest.approx(position_before.y, abs=0.03)
     assert rospy.wait_for_message("/clock", Clock, LONGEST).clock > clock_before
     publisher.unregister()
-
-
-def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
-    """Odometry does not jump with the robot, but remembered obstacles must not block the robot at
-    its new position.
-    """
-    monitor = session().node(
-        "applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered"
-    )
-    publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
-    monitor.until(lambda: publisher.get_num_connections())
-    set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
-    simulation = GazeboSimulation(START)
-
-    def send(v, w):
-        """Command a velocity through the monitor, and return the robot's state a moment later."""
-        publisher.publish(twist(v, w))
-        time.sleep(0.05)
-        return simulation.state()
-
-    actions = []
-    subscriber = rospy.Subscriber(
-        "/collision_monitor/action", String, lambda message: actions.append(message.data)
-    )
-    # The robot faces the side wall. Its laser must see the wall before the wall is behind it.
-    assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success
-    wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, "a turn by 180 degrees")
-    wait_for(
-        lambda: send(-0.5, 0.0) and actions and "stop: an obstacle" in actions[-1],
-        "the wall behind the robot",
-    )
-    assert simulation.reset().success
-    wait_for(
-        lambda: send(-0.5, 0.0).twist.linear.y < -0.05, "creeping back where no scan has looked"
-    )
-    subscriber.unregister()
-    publisher.unregister()
-    monitor.end()
-    assert "Traceback" not in monitor.text
 
 
 def test_time_pauses_and_resumes(gazebo):

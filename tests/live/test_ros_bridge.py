@@ -2,10 +2,10 @@
 errors, lock step.
 """
 
+import threading
 import time
 from math import hypot
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -290,7 +290,13 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
 
     monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)
     bridge = SimpleNamespace(
-        driven=False, newest=None, period=0.0, due=0.0, arrived=MagicMock(), commands=[], waits=[]
+        driven=False,
+        newest=None,
+        period=0.0,
+        due=0.0,
+        arrived=threading.Condition(),
+        commands=[],
+        waits=[],
     )
     bridge.simulator = SimpleNamespace(
         state=SimpleNamespace(time=0.0),

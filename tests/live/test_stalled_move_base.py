@@ -227,10 +227,8 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
         {"status": CANCELLED},
         {"left": None},
         pytest.param({"status": None}, marks=pytest.mark.slow),
-        pytest.param({"left": 0.2}, marks=pytest.mark.slow),
-        pytest.param({"goal": "changes"}, marks=pytest.mark.slow),
     ],
-    ids=["cancelled", "no plan", "move_base gone", "arrived", "other goals"],
+    ids=["cancelled", "no plan", "move_base gone"],
 )
 def test_an_escape_motion_ends_with_its_cause(stack, change):
     """The monitor also makes escape motions while no commands arrive, for example during
@@ -244,11 +242,7 @@ def test_an_escape_motion_ends_with_its_cause(stack, change):
     vars(planner).update(change)
     changed_at = time.time()
     stopwatch = Kept()
-    while time.time() < changed_at + 4.0:
-        time.sleep(0.3)
-        # No goal lasts for the 2 s after which a planner counts as stuck.
-        if "goal" in change:
-            planner.goal = str(time.time())
+    time.sleep(4.0)
     latest_motion = max(
         (command.stamp for command in moved(jackal, changed_at)), default=changed_at
     )

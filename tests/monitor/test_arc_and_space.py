@@ -39,18 +39,6 @@ STEP_S = 0.05  # time between two commands [s]
 TURN_CHANGE = 0.33
 
 
-def test_creeping_and_stopping_follow_the_arc_of_the_command():
-    """The values are from a drive in which the robot left a turn straight ahead and hit a wall."""
-    monitor = CollisionMonitor()
-    measured_w = SETTINGS.turn_gain * -1.457  # exactly as commanded
-    assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
-    # 1.9 m/s^2 take 0.095 m/s off in 0.05 s, and the turn is as much faster as v is.
-    v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), measured_w)
-    assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
-    stopped = monitor.braked(0.1, 1.6)
-    assert stopped == pytest.approx((1.48, w / v * 1.48))
-
-
 @pytest.mark.parametrize("command", [(0.5, 1.0), (0.5, -1.0), (0.5, 0.2)])
 def test_a_braking_base_turns_no_faster_than_commanded_now_or_before(command):
     monitor = CollisionMonitor()
@@ -431,45 +419,6 @@ def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides
     assert not is_observed[distances > reach].any()
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
-    """At 1 m/s forward and .6 m/s of slip the body touches a post that it would pass otherwise."""
-    # 6 cm beside the body: more than the margin, less than it slips.
-    post = [(0.5, side * (SIDE + 0.06))]
-    command = (1.0, 0.0)
-    without_slip = BaseMotion(1.0, 0.0)
-    towards_post = BaseMotion(1.0, 0.0, slip=side * 0.6)
-    away_from_post = BaseMotion(1.0, 0.0, slip=-side * 0.6)
-    assert safe_scale_of(post, without_slip, command, BRAKING) == 1.0
-    assert safe_scale_of(post, towards_post, command, BRAKING) < 1.0
-    assert safe_scale_of(post, away_from_post, command, BRAKING) == 1.0
-
-
-def test_turn_ahead_and_turn_gain_change_the_swept_area():
-    """In a left turn about a point ahead the body moves right, out of its circumscribed circle."""
-    post_behind = [(-0.2, -0.33)]
-    turning = BaseMotion(0.0, 1.5)
-    about_point_ahead = BRAKING._replace(turn_ahead=0.3)
-    assert safe_scale_of(post_behind, turning, (0.0, 1.5), BRAKING) == 1.0
-    assert safe_scale_of(post_behind, turning, (0.0, 1.5), about_point_ahead) < 1.0
-
-    post_at_the_corner = [(0.29, -0.17)]
-    as_commanded = Braking(1.9, 12.0)
-    faster_than_commanded = as_commanded._replace(turn_gain=3.0)
-    scales = []
-    for braking in (as_commanded, faster_than_commanded):
-        scale = safe_scale_of(
-            post_at_the_corner,
-            BaseMotion(0.0, 0.0),
-            (0.0, 1.0),
-            braking,
-            reaction=0.1,
-        )
-        scales.append(scale)
-    scale_as_commanded, scale_if_faster = scales
-    assert scale_if_faster <= scale_as_commanded
-
-
 def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
     """The base turns at 1.5 rad/s about a point .3 m ahead.
 
@@ -538,23 +487,6 @@ def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(report
     assert verdict.action == STOP
     v, _ = verdict.command
     assert reported < 0.0 or v > 1.0, "v falls from the speed of the poses"
-
-
-def test_a_body_that_slides_ahead_of_its_wheels_stops_as_early_as_if_they_were_as_fast():
-    """After a hard turn a Jackal's body did .62 m/s, and its wheels .37."""
-    commands = []
-    for reported in (0.62, 0.37):
-        monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
-        for step in range(12):
-            # 31 mm in 0.05 s are .62 m/s.
-            pose = (0.031 * step, 0.0, 0.0)
-            time = STEP_S * step
-            monitor.add_scan(scan_of(wall(0.8), pose, time))
-            verdict = monitor.filter(time, pose, (reported, 0.0), (0.62, 0.0))
-        commands.append(verdict.command)
-    at_speed_of_body, at_speed_of_wheels = commands
-    assert at_speed_of_wheels == pytest.approx(at_speed_of_body)
-    assert at_speed_of_body[0] < 0.62
 
 
 def test_a_base_that_rolls_back_may_reverse_at_once():

@@ -32,7 +32,6 @@ def reversal(
     wheel_speed=None,
     command=BACK,
     posts=(),
-    sideways=0.0,
     cycle_s=CYCLE_S,
     last_command=None,
 ):
@@ -44,7 +43,6 @@ def reversal(
         wheel_speed: Speed of the odometry [m/s]; None for that of the poses.
         command: Command (v, w) of the cycles from then on.
         posts: Posts (n, 2) [m].
-        sideways: Speed of the poses to the left [m/s].
         cycle_s: Time between two commands [s].
         last_command: Speed commanded in the last cycle of driving [m/s]; None for that of the
             poses.
@@ -63,8 +61,8 @@ def reversal(
         time = cycle * cycle_s
         monitor.add_scan(scan_of(posts, (x, y, yaw), time))
         monitor.filter(time, (x, y, yaw), (wheel_speed, turn), (commands[cycle], turn))
-        x += (speed * math.cos(yaw) - sideways * math.sin(yaw)) * cycle_s
-        y += (speed * math.sin(yaw) + sideways * math.cos(yaw)) * cycle_s
+        x += speed * math.cos(yaw) * cycle_s
+        y += speed * math.sin(yaw) * cycle_s
         yaw += turn * cycle_s
 
     # The base does at once what it is told, from the wheels' speed on.
@@ -99,19 +97,15 @@ def test_a_faster_base_brakes_down_to_the_slow_speed_first():
 @pytest.mark.parametrize(
     "scene",
     [
-        # The wheels turn, or are to turn.
-        {"turn": 0.3},
+        # The wheels are to turn.
         {"command": (-0.5, 0.3)},
-        # The body slides ahead of its wheels, or to the side.
-        {"wheel_speed": 0.2},
-        {"sideways": 0.1},
         # An obstacle limits the command.
         {"posts": POSTS_BEHIND},
         # The base stops, or only slows down.
         {"command": (0.0, 0.0)},
         {"command": (0.1, 0.0)},
     ],
-    ids=["turns", "is to turn", "slides", "slides aside", "behind", "stops", "slows down"],
+    ids=["is to turn", "behind", "stops", "slows down"],
 )
 def test_every_other_slow_base_is_braked_gently(scene):
     verdict = reversal(**scene)[0]

@@ -17,7 +17,7 @@ from applr_ros1.monitor.monitor import (
     MonitorOutput,
     Verdict,
 )
-from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck, geometry_fault
+from applr_ros1.monitor.scanner import ScannerCheck, geometry_fault
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import BaseMotion, half_planes, penetration
 from applr_ros1.robots import JACKAL
@@ -59,14 +59,6 @@ BACKWARDS = (-0.5, 0.0)
 def test_a_command_limited_to_almost_zero_is_blocked(command, action, blocked):
     assert Verdict(command, action).blocked is blocked
     assert not Verdict(command).blocked
-
-
-def test_without_obstacles_commands_pass_unchanged():
-    monitor = CollisionMonitor()
-    # 4 m is far beyond the way to stop from 2 m/s.
-    assert monitor.add_scan(scan_of([(4.0, 0.0)] * 2, HERE)) == ""
-    verdict = monitor.filter(0.0, HERE, (1.9, 0.0), (2.0, 0.3))
-    assert verdict.command == (2.0, 0.3)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -372,26 +364,6 @@ def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     assert monitor.filter(0.2, HERE, STRAIGHT_ON, STRAIGHT_ON).action == PASS
 
 
-def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
-    monitor = CollisionMonitor()
-    image = scan_of(wall(3.0), HERE).ranges
-    faults = []
-    for step in range(FROZEN_SCANS + 3):
-        # The robot drives at 1 m/s.
-        time = 0.05 * step
-        pose = (time, 0.0, 0.0)
-        faults.append(monitor.add_scan(scan_of([], pose, time, ranges=image)))
-    assert faults[0] == ""
-    assert "frozen" in faults[-1]
-
-
-def test_a_frozen_image_of_a_standing_robot_is_no_fault():
-    standing = CollisionMonitor()
-    image = scan_of(wall(3.0), HERE).ranges
-    for step in range(50):
-        assert standing.add_scan(scan_of([], HERE, 0.05 * step, ranges=image)) == ""
-
-
 @pytest.mark.parametrize(
     ("motion", "is_frozen"),
     [
@@ -562,26 +534,17 @@ def test_a_sector_of_45_degrees_fails_if_30_percent_of_it_had_obstacles(
 
 
 @pytest.mark.parametrize("source", ["scan", "pose", "odometry"])
-def test_a_stamp_may_be_a_tenth_of_a_second_ahead_of_the_clock(source):
-    for lead, action in ((0.09, PASS), (0.11, STOP)):
-        monitor = seen_all_around([(9.0, 0.0)])
-        ages = {"scan": 0.0, "pose": 0.0, "odometry": 0.0, source: -lead}
-        # The latest scan has stamp 0.
-        time = ages["scan"]
-        pose_and_twist = (ages["pose"], ages["odometry"])
-        verdict = monitor.filter(time, HERE, AT_REST, STRAIGHT_ON, pose_and_twist)
-        assert verdict.action == action
-    assert f"the latest {source} is stamped 0.11 s ahead of the clock" in verdict.reason
-
-
-@pytest.mark.parametrize("source", ["scan", "pose", "odometry"])
-def test_an_age_that_is_no_number_is_a_stop(source):
+@pytest.mark.parametrize(("lead", "action"), [(0.09, PASS), (0.11, STOP), (math.nan, STOP)])
+def test_a_stamp_may_be_a_tenth_of_a_second_ahead_of_the_clock(source, lead, action):
     monitor = seen_all_around([(9.0, 0.0)])
-    ages = {"scan": 0.0, "pose": 0.0, "odometry": 0.0, source: math.nan}
+    ages = {"scan": 0.0, "pose": 0.0, "odometry": 0.0, source: -lead}
+    # The latest scan has stamp 0.
+    time = ages["scan"]
     pose_and_twist = (ages["pose"], ages["odometry"])
-    verdict = monitor.filter(ages["scan"], HERE, AT_REST, STRAIGHT_ON, pose_and_twist)
-    assert verdict.action == STOP
-    assert f"the latest {source} is stamped nan s ahead of the clock" in verdict.reason
+    verdict = monitor.filter(time, HERE, AT_REST, STRAIGHT_ON, pose_and_twist)
+    assert verdict.action == action
+    line = f"the latest {source} is stamped {lead:.2f} s ahead of the clock"
+    assert (line in verdict.reason) == (action == STOP)
 
 
 @pytest.mark.parametrize("points", [[(9.0, 0.0)], CLOSE_BEHIND], ids=["free", "wall behind"])
@@ -600,15 +563,12 @@ def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
     monitor.add_scan(scan_of([], HERE))
     assert monitor.filter(0.4, HERE, AT_REST, STRAIGHT_ON).action == PASS
 
-    # Old inputs, or a scan from the future
     old_scan = monitor.filter(0.6, HERE, AT_REST, STRAIGHT_ON)
     assert "scan is 0.60 s old" in old_scan.reason
     old_pose = monitor.filter(0.1, HERE, AT_REST, STRAIGHT_ON, (0.6, 0.0))
     assert "pose is 0.60 s old" in old_pose.reason
     old_twist = monitor.filter(0.1, HERE, AT_REST, STRAIGHT_ON, (0.0, 0.6))
     assert "odometry is 0.60 s old" in old_twist.reason
-    future_scan = monitor.filter(-0.45, HERE, AT_REST, STRAIGHT_ON)
-    assert "0.45 s ahead of the clock" in future_scan.reason
 
     assert verdict_on(monitor, math.nan, 0.1).command == (0.0, 0.0)
     # Numbers so small are zero, as a filter's remainders are.
@@ -805,16 +765,6 @@ def test_a_pose_that_is_late_is_not_frozen():
         assert "frozen" not in verdict.reason
 
 
-def test_space_between_widely_spaced_beams_is_unknown():
-    """Nine beams have no return."""
-    monitor = CollisionMonitor()
-    no_returns = np.full(9, np.inf, np.float32)
-    # Between beams 34 degrees apart fits everything.
-    thin_scan = scan_of([], HERE, angle_increment=math.radians(34), ranges=no_returns)
-    assert monitor.add_scan(thin_scan) == ""
-    assert "creeping" in verdict_on(monitor, 1.0).reason
-
-
 def test_a_scan_with_more_beams_than_the_memory_has_points_is_refused():
     # More than CAPACITY_POINTS: each scan would push the one before out of the memory.
     ranges = np.full(20000, 3.0, np.float32)
@@ -959,21 +909,6 @@ def test_obstacles_in_a_failed_sector_are_kept(value):
     assert verdict_on(monitor, 1.5, 0.3).action == PASS
 
 
-def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
-    """A wall .7 m wide is 1.4 m ahead.
-
-    Everything else is 28 m away, too far for a return to be expected.
-    """
-    monitor = CollisionMonitor()
-    # range_max is 30 m; returns from nearly there may be lost without a fault.
-    clean_ranges = np.minimum(scan_of(wall(1.4, 0.35), HERE).ranges, np.float32(28.0))
-    failed_ranges = clean_ranges.copy()
-    failed_ranges[AHEAD] = math.inf
-    monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean_ranges))
-    monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed_ranges))
-    assert verdict_on(monitor, 2.0, 0.1).action == SLOW
-
-
 def test_a_failed_sector_may_lie_across_the_ends_of_a_full_turn():
     """The ends meet straight ahead. Each half of the sector is too narrow to count as failed."""
     full_turn = {
@@ -995,35 +930,3 @@ def test_a_failed_sector_may_lie_across_the_ends_of_a_full_turn():
     monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean_ranges, **full_turn))
     monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed_ranges, **full_turn))
     assert verdict_on(monitor, 1.5, 0.1).action == SLOW
-
-
-@pytest.mark.parametrize(
-    ("pose_age", "twist_age", "is_slower"),
-    [
-        (0.3, 0.0, True),
-        (0.0, 0.3, True),
-        (0.0, 0.0, False),
-    ],
-)
-def test_stale_poses_shorten_the_free_distance(pose_age, twist_age, is_slower):
-    """A wall is 1.1 m ahead of the body. With a pose or twist 300 ms old, v is limited more."""
-    speed = 1.6
-    # 0.229 m to the front, 1.1 m, and the discs' radius of 5 cm
-    wall_ahead = wall(1.379)
-    monitor = seen_all_around(wall_ahead)
-    with_fresh_inputs = monitor.filter(0.0, HERE, (speed, 0.0), (2.0, 0.0))
-
-    # The robot has driven on since its pose was measured.
-    pose = (-speed * pose_age, 0.0, 0.0)
-    monitor = seen_all_around(wall_ahead)
-    with_stale_inputs = monitor.filter(
-        0.0,
-        pose,
-        (speed, 0.0),
-        (2.0, 0.0),
-        (pose_age, twist_age),
-    )
-    if is_slower:
-        assert with_stale_inputs.command[0] < with_fresh_inputs.command[0] - 0.2
-    else:
-        assert with_stale_inputs.command == with_fresh_inputs.command

@@ -290,6 +290,8 @@ WAY_M = 0.15 * V + braking_distance(V, 4.0)  # way until then [m]
         ({}, WAY_M),
         # What comes has moved on by then, and may have sped up.
         ({"vx": -1.5}, WAY_M + 1.5 * REST_S),
+        # What drives away faster than the base is followed.
+        ({"vx": 1.5}, 0.0),
         ({"vx": -1.5, "acceleration": 2.0}, WAY_M + 1.5 * REST_S + REST_S**2),
         # The scan is older than the pose.
         ({"vx": -1.5, "age": 0.2}, WAY_M + 1.5 * (REST_S + 0.2)),
@@ -299,10 +301,6 @@ WAY_M = 0.15 * V + braking_distance(V, 4.0)  # way until then [m]
 )
 def test_the_base_rests_before_the_place_of_a_disc_at_that_time(values, gap):
     assert smallest_free(V, **values) == pytest.approx(gap, abs=0.045)
-
-
-def test_what_drives_away_faster_than_the_base_is_followed():
-    assert smallest_free(V, vx=1.5, acceleration=0.0) == pytest.approx(0.0, abs=0.045)
 
 
 def test_a_base_that_gains_speed_late_must_be_free_too():

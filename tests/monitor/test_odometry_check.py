@@ -15,6 +15,11 @@ UNFILLED_POSE = (
     "the planner takes the robot to be where it was; fill pose"
 )
 
+UNFILLED_TURN_RATE = (
+    "the odometry's turn rate is 0 while its pose turns at 0.50 rad/s: "
+    "the planner takes the robot not to turn; fill twist"
+)
+
 
 def problem_of(poses, twists, step=STEP_S):
     """Return what is said after the last of some messages."""
@@ -35,23 +40,18 @@ def turn(rate, seconds=5.0):
     return [(0.0, 0.0, rate * STEP_S * row) for row in range(round(seconds / STEP_S))]
 
 
-def test_twists_that_stay_0_while_the_pose_moves_are_a_problem():
-    poses = line(0.17)
-    assert problem_of(poses, [(0.0, 0.0)] * len(poses)) == UNFILLED_TWIST
-    # Backwards it is the same.
-    assert problem_of(line(-0.17), [(0.0, 0.0)] * len(poses)) == UNFILLED_TWIST
-
-
-def test_a_pose_that_stays_while_the_twists_move_is_a_problem():
-    assert problem_of([(0.0, 0.0, 0.0)] * 50, [(0.17, 0.0)] * 50) == UNFILLED_POSE
-
-
-def test_turn_rates_are_compared_like_velocities():
-    poses = turn(0.5)
-    said = problem_of(poses, [(0.0, 0.0)] * len(poses))
-    assert said.startswith("the odometry's turn rate is 0 while its pose turns at 0.50 rad/s")
-    assert "takes the robot not to turn; fill twist" in said
-    assert problem_of([(0.0, 0.0, 0.0)] * 50, [(0.0, 0.5)] * 50).endswith("fill pose")
+@pytest.mark.parametrize(
+    ("poses", "twist", "problem"),
+    [
+        (line(0.17), (0.0, 0.0), UNFILLED_TWIST),
+        # Backwards it is the same.
+        (line(-0.17), (0.0, 0.0), UNFILLED_TWIST),
+        (line(0.0), (0.17, 0.0), UNFILLED_POSE),
+        (turn(0.5), (0.0, 0.0), UNFILLED_TURN_RATE),
+    ],
+)
+def test_what_stays_0_while_the_other_moves_is_a_problem(poses, twist, problem):
+    assert problem_of(poses, [twist] * len(poses)) == problem
 
 
 @pytest.mark.parametrize("step", [0.02, 0.1, 0.5])

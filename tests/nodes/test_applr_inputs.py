@@ -19,6 +19,7 @@ from applr_ros1.policy.observation import ObservationError
 from tests.support.nodes import transform
 from tests.support.refusals import refused
 
+pytest_plugins = ("tests.support.offline_ros",)
 PLAN = "/move_base/NavfnROS/plan"
 
 
@@ -30,34 +31,27 @@ def stamped(message, stamp, frame):
 
 
 class Beside:
-    """Fixture around RobotInputs: sets the time `now` [s] and sends messages.
+    """Fixture around RobotInputs: sends messages.
 
     Odometry messages contain another pose (x = 9 m) than tf, so that a test detects which one is
     used.
     """
 
-    def __init__(self, monkeypatch):
-        self.now = 100.0
-        self.callbacks = {}  # by topic
-        monkeypatch.setattr(rospy, "Subscriber", self._subscriber)
-        monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
-        monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
-        monkeypatch.setattr(rospy, "get_rostime", lambda: self.time)
-        monkeypatch.setattr(module.tf2_ros, "TransformListener", self._listener)
+    def __init__(self, ros):
+        self.ros = ros
+        self.callbacks = ros.callbacks
         self.inputs = RobotInputs()
+        self.buffer = ros.tf
         self.place("odom", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
         self.place("base_link", "front_laser", (0.1, 0.0, 0.5), rospy.Time(0))
 
-    def _listener(self, buffer, **_):
-        # Tf's buffer, which is filled here in place of messages on /tf.
-        self.buffer = buffer
-
-    def _subscriber(self, topic, kind, callback, **_):
-        self.callbacks[topic] = callback
-
     @property
     def time(self):
-        return rospy.Time.from_sec(self.now)
+        return self.ros.time
+
+    def wait(self, seconds):
+        """Let some time pass."""
+        self.ros.now += seconds
 
     def goal(self, name, x):
         """Send a goal x [m] ahead, and the status that has it."""
@@ -125,9 +119,9 @@ class Beside:
 
 
 @pytest.fixture
-def beside(monkeypatch):
+def beside(offline_ros):
     """Return RobotInputs and what is around them."""
-    return Beside(monkeypatch)
+    return Beside(offline_ros)
 
 
 def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
@@ -138,7 +132,7 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time
     beside.plan(4.8)
     beside.callbacks[PLAN](Path())  # Planning has failed, so the plan stays.
-    beside.now += 0.6
+    beside.wait(0.6)
     beside.status("one")  # The goal is still the same.
     inputs = beside.snapshot().seen
     assert inputs.time == 3.0
@@ -146,15 +140,15 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
 
     # Another goal
     beside.plan(5.0)
-    beside.now += 0.02
+    beside.wait(0.02)
     beside.goal("two", -3.0)
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
-    beside.now += 0.02
+    beside.wait(0.02)
     beside.plan(5.0)  # This plan was under way when the goal changed.
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.plan(-2.8)  # The plan ends at the free cell nearest to the goal.
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
-    beside.now += 0.6
+    beside.wait(0.6)
 
     # The plan is older than this goal, although it leads there.
     beside.goal("three", -3.0)
@@ -162,24 +156,30 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
 
     # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
     beside.goal("four", 6.0)
-    beside.now += 0.6
+    beside.wait(0.6)
     beside.plan(1.0)
     assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
     # Only its end tells for which of two goals a plan is: on its way it passes the former one.
     beside.goal("five", 1.0)
-    beside.now += 0.6
+    beside.wait(0.6)
     beside.goal("six", 5.0)
     beside.plan(5.0)
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
 
 
+def test_a_node_that_starts_after_a_goal_was_sent_takes_the_end_of_its_plan(beside):
+    beside.status("one")
+    beside.plan(5.0)
+    assert beside.snapshot().seen.goal == (5.0, 0.0, 0.0)
+
+
 def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
     beside.goal("one", 5.0)
-    beside.now += 1.9
+    beside.wait(1.9)
     assert beside.inputs.goal(beside.time) == "one"
     assert not beside.inputs.has_lost_move_base(beside.time)
-    beside.now += 0.2
+    beside.wait(0.2)
     assert beside.inputs.goal(beside.time) is None
     assert beside.inputs.has_lost_move_base(beside.time)
 
@@ -188,14 +188,14 @@ def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(
     beside.goal("one", 5.0)
     for x in (1.0, 2.0):
         beside.place("world", "odom", (x, 0.0, 0.25), beside.time)
-        beside.now += 0.2
+        beside.wait(0.2)
     # Poses at 1 m and 2 m, 0.4 s and 0.2 s ago: a scan between them has the pose in between, and a
     # later one the latest.
     for scan_age, robot_x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
         # tf2 accepts no frame with a slash in front, but ROS 1's messages may have it.
         for frame in ("world", "/world"):
             beside.plan(5.0, frame)
-            snapshot = beside.snapshot(rospy.Time.from_sec(beside.now - scan_age))
+            snapshot = beside.snapshot(rospy.Time.from_sec(beside.ros.now - scan_age))
             assert snapshot.seen.pose == pytest.approx((robot_x, 0.0, 0.25))
             assert snapshot.seen.twist == (0.5, 0.0)
 
@@ -204,16 +204,16 @@ def test_a_stale_localisation_prevents_decisions(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0, "map")
     beside.place("map", "odom", (0.0, 0.5, 0.0), beside.time)
-    beside.now += 0.9
+    beside.wait(0.9)
     assert beside.snapshot().seen.pose == (0.0, 0.5, 0.0)
-    beside.now += 0.2
+    beside.wait(0.2)
     refused(lambda: beside.snapshot(), r"map <- base_link is 1.10 s old", kind=ObservationError)
 
 
 def test_a_silent_odometry_prevents_decisions(beside):
     beside.plan(5.0)
     beside.snapshot()
-    beside.now += 1.1
+    beside.wait(1.1)
     refused(lambda: beside.snapshot(odometer=False), "odometry", kind=ObservationError)
 
 
@@ -242,7 +242,7 @@ def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
         assert snapshot.movers_stamp == beside.time
 
     # After a second they are stale.
-    beside.now += 1.1
+    beside.wait(1.1)
     beside.plan(5.0)
     snapshot = beside.snapshot()
     assert (snapshot.seen.movers.shape, snapshot.movers_stamp) == ((0, 4), rospy.Time())

@@ -10,6 +10,7 @@ import rospy
 from applr_ros1.nodes.tools import bag_recorder
 from applr_ros1.nodes.tools.bag_recorder import BagRecorder
 
+pytest_plugins = ("tests.support.offline_ros",)
 PLAN = "/robot1/move_base/NavfnROS/plan"
 COSTMAP = "/robot1/move_base/local_costmap/costmap"
 GOAL = "/robot1/move_base/goal"
@@ -33,9 +34,9 @@ class Master:
 
 
 @pytest.fixture
-def scene(monkeypatch):
+def scene(offline_ros, monkeypatch):
     """Provide the connections (node, subscriber, topic), the warnings and the BagRecorder."""
-    scene = SimpleNamespace(connections=[], lines=[], is_dead=False)
+    scene = SimpleNamespace(connections=[], lines=offline_ros.log["warn"], is_dead=False)
 
     def slave(node, _):
         def bus_info(_):
@@ -52,11 +53,9 @@ def scene(monkeypatch):
     monkeypatch.setattr(rospy, "get_name", lambda: "/robot1/send_goal")
     # In the demo, whose argument record:=drive.bag rospy takes for a remapping
     monkeypatch.setattr(rospy, "resolve_name", lambda _: "/robot1/drive.bag")
-    parameters = {"record/unrecorded": ".*/costmap(_updates)?|/clock"}
-    monkeypatch.setattr(rospy, "get_param", parameters.get)
+    offline_ros.parameters["record/unrecorded"] = ".*/costmap(_updates)?|/clock"
     monkeypatch.setattr(rosgraph, "Master", lambda _: Master())
     monkeypatch.setattr(bag_recorder, "ServerProxy", slave)
-    monkeypatch.setattr(rospy, "logwarn", lambda line, *words: scene.lines.append(line % words))
     scene.recorder = BagRecorder("record")
     return scene
 

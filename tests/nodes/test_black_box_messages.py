@@ -4,7 +4,7 @@ import io
 import json
 import subprocess
 import sys
-from unittest.mock import MagicMock
+from unittest.mock import create_autospec
 
 import pytest
 import rosgraph
@@ -21,6 +21,7 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL
 from applr_ros1.why.answer import Answer
 from applr_ros1.why.black_box.bag_file import Publication
+from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import DescribedRobot
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.events import Event, RobotStop
@@ -28,6 +29,7 @@ from tests.support import HANGS, ROOT
 from tests.support.raw_messages import bag_of, description_of, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
+pytest_plugins = ("tests.support.offline_ros",)
 STOPPED = Event("stood", 0.5, 6.5, (1.5, -2.0), reason="there was no scan for 6.0 s")
 ANSWER = Answer(
     name="stop",
@@ -98,42 +100,31 @@ def test_names_are_the_robots_unless_a_parameter_gives_them():
 
 
 @pytest.fixture
-def master(monkeypatch):
-    """Return the master of a robot with a move_base, in a process that connects to nothing."""
-    master = MagicMock()
+def master(offline_ros, monkeypatch):
+    """Return the master of a robot with a move_base, which names its robot."""
+    offline_ros.parameters["/move_base"] = {"robot": "jackal"}
+    master = create_autospec(rosgraph.Master, instance=True)
     monkeypatch.setattr(rosgraph, "Master", lambda name: master)
     plan_topic = "/move_base/NavfnROS/plan"
     master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
     master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
-    for name in ("Publisher", "Subscriber", "Service"):
-        monkeypatch.setattr(rospy, name, MagicMock())
-    monkeypatch.setattr(rospy, "get_time", lambda: 100.0)
-    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(100))
     monkeypatch.setattr(node_module.time, "sleep", lambda _: None)
     return master
 
 
 @pytest.fixture
-def parameters(monkeypatch):
-    """Return the parameters of the move_base, which names its robot."""
-    parameters = {"robot": "jackal"}
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
-    return parameters
-
-
-@pytest.fixture
-def node(master, parameters, tmp_path):
+def node(master, tmp_path):
     """Return a node without a description of its own."""
     names, given = names_of({}, JACKAL)
     return BlackBoxNode(None, names, given, 1.0, StopFolder(tmp_path, 1, 1))
 
 
-def status_after_a_look(node, monkeypatch):
+def status_after_a_look(node, offline_ros, monkeypatch):
     """Let a node look for topics and stops once; return its status and its values by name."""
-    monkeypatch.setattr(rospy, "is_shutdown", MagicMock(side_effect=[False, True]))
+    is_shutdown = iter([False, True])
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: next(is_shutdown))
     node.spin()
-    (message,) = rospy.Publisher.return_value.publish.call_args.args
-    (status,) = message.status
+    (status,) = offline_ros.published["/diagnostics"][-1].status
     return status.message, {value.key: value.value for value in status.values}
 
 
@@ -155,23 +146,49 @@ def nested(depth):
     ids=["robot", "number", "levels"],
 )
 def test_parameters_of_another_node_are_a_problem_and_no_end(
-    parameters, problem, node, monkeypatch
+    parameters, problem, node, offline_ros, monkeypatch
 ):
     """The launch file would start the node again and again."""
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: parameters)
+    offline_ros.parameters["/move_base"] = parameters
 
-    text, values = status_after_a_look(node, monkeypatch)
+    text, values = status_after_a_look(node, offline_ros, monkeypatch)
     assert text.startswith(f"/move_base: {problem}")
     assert "stops" not in values, "nothing is watched yet"
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: {"robot": "jackal"})
-    text, values = status_after_a_look(node, monkeypatch)
+    offline_ros.parameters["/move_base"] = {"robot": "jackal"}
+    text, values = status_after_a_look(node, offline_ros, monkeypatch)
     assert text == "keeps the last minutes"
     assert values["stops"] == "0"
 
 
-def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(node, master, monkeypatch):
+class NotedBox(BlackBox):
+    """BlackBox that notes the robots that it is told of."""
+
+    def __init__(self, driven, *settings):
+        super().__init__(driven, *settings)
+        self.driven = [driven]
+
+    def describe(self, driven):
+        super().describe(driven)
+        self.driven.append(driven)
+
+
+@pytest.fixture
+def boxes(monkeypatch):
+    """Return the boxes that a node has begun."""
+    boxes = []
+
+    def begin(*settings):
+        boxes.append(NotedBox(*settings))
+        return boxes[-1]
+
+    monkeypatch.setattr(node_module, "BlackBox", begin)
+    return boxes
+
+
+def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(
+    node, master, boxes, offline_ros, monkeypatch
+):
     # Given: costmaps that read /laser/scan, of which nothing comes, and the raw scans of its driver
-    monkeypatch.setattr(rospy, "loginfo", MagicMock())
     published = master.getPublishedTopics.return_value
     published.append(["/front/scan", "sensor_msgs/LaserScan"])
     scans = ["/laser/scan", "sensor_msgs/LaserScan"]
@@ -179,36 +196,29 @@ def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(node, m
     move_base_publishes, _, _ = master.getSystemState.return_value
     move_base_reads = [["/laser/scan", ["/move_base"]]]
     master.getSystemState.return_value = [move_base_publishes, move_base_reads, []]
-    box = MagicMock()
-    box.look.return_value.answer = None
-    begin = MagicMock(return_value=box)
-    monkeypatch.setattr(node_module, "BlackBox", begin)
     # When
     for _ in range(2):
-        text, _ = status_after_a_look(node, monkeypatch)
+        text, _ = status_after_a_look(node, offline_ros, monkeypatch)
     # Then: once on the screen, and in what the answers know
     assert text == "nobody publishes /laser/scan"
-    lines = [call.args[0] % call.args[1:] for call in rospy.loginfo.call_args_list]
-    assert lines.count("black box: nobody publishes /laser/scan") == 1
-    driven = begin.call_args.args[0]
+    assert offline_ros.log["info"].count("black box: nobody publishes /laser/scan") == 1
+    (box,) = boxes
+    driven = box.driven[-1]
     assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ("/laser/scan",))
     # When its driver starts
     published.append(scans)
-    box.problem = ""
-    text, _ = status_after_a_look(node, monkeypatch)
+    text, _ = status_after_a_look(node, offline_ros, monkeypatch)
     # Then
     assert text == "keeps the last minutes"
-    driven = box.describe.call_args.args[0]
+    driven = box.driven[-1]
     assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ())
 
 
-def test_without_a_move_base_the_screen_says_so_once(node, master, monkeypatch):
+def test_without_a_move_base_the_screen_says_so_once(node, master, offline_ros, monkeypatch):
     master.getSystemState.return_value = [[], [], []]
-    monkeypatch.setattr(rospy, "loginfo", MagicMock())
     for _ in range(2):
-        status_after_a_look(node, monkeypatch)
-    ((template, line),) = [call.args for call in rospy.loginfo.call_args_list]
-    assert template % line == "black box: waiting for /move_base: no node of that name"
+        status_after_a_look(node, offline_ros, monkeypatch)
+    assert offline_ros.log["info"] == ["black box: waiting for /move_base: no node of that name"]
 
 
 @pytest.mark.parametrize(
@@ -221,10 +231,12 @@ def test_without_a_move_base_the_screen_says_so_once(node, master, monkeypatch):
         (["bash"], False),
     ],
 )
-def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(words, is_refused, monkeypatch):
+def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(
+    words, is_refused, offline_ros, monkeypatch
+):
     monkeypatch.setattr(node_module, "init_node", lambda name: None)
     monkeypatch.setattr(node_module.Path, "read_text", lambda path: "\0".join([*words, ""]))
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: {"minutes": 5.0, "limit": -1.0})
+    offline_ros.parameters["~"] = {"minutes": 5.0, "limit": -1.0}
     problem = "minuts:=5 is not an argument: give ARG:=VALUE with one of minutes, limit"
     if not is_refused:
         problem = "limit is -1.0: give"
@@ -233,19 +245,17 @@ def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(words, is_refus
 
 
 def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(
-    node, master, parameters, monkeypatch
+    node, master, boxes, offline_ros, monkeypatch
 ):
-    described = []
-    box = MagicMock(describe=lambda driven: described.append(driven.robot.local_planner))
-    box.look.return_value.answer = None
-    monkeypatch.setattr(node_module, "BlackBox", lambda driven, *_: box)
-
+    parameters = offline_ros.parameters["/move_base"]
     for address in ("http://robot:1", "http://robot:1", "http://robot:2"):
         master.lookupNode.return_value = address
-        status_after_a_look(node, monkeypatch)
+        status_after_a_look(node, offline_ros, monkeypatch)
         parameters["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
 
-    assert described == ["DWAPlannerROS"], "at the new address alone"
+    (box,) = boxes
+    planners = [driven.robot.local_planner for driven in box.driven]
+    assert planners == ["TrajectoryPlannerROS", "DWAPlannerROS"], "at the new address alone"
 
 
 # The program of the process, on a robot without the packages of a desk

@@ -1,7 +1,7 @@
 """Tests of the messages for displays: their frames, and the rate of the trajectories."""
 
 from types import SimpleNamespace
-from unittest.mock import Mock
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -9,24 +9,11 @@ import rospy
 
 from applr_ros1.nodes.conversions import COST_FIELDS
 from applr_ros1.nodes.move_base import displays
+from applr_ros1.planner.local_planner import LocalPlanner
 
 pytestmark = pytest.mark.ros
+pytest_plugins = ("tests.support.offline_ros",)
 PATH = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
-
-
-@pytest.fixture
-def sent(monkeypatch):
-    """Provide the messages that were published: a list per topic. Somebody listens to each."""
-    messages = {}
-
-    def publisher(topic, message_type, queue_size):
-        messages[topic] = []
-        return SimpleNamespace(
-            get_num_connections=lambda: 1, publish=lambda message: messages[topic].append(message)
-        )
-
-    monkeypatch.setattr(displays.rospy, "Publisher", publisher)
-    return messages
 
 
 def shown(planner_name, parameters):
@@ -42,22 +29,23 @@ def shown(planner_name, parameters):
 
 def local_planner():
     """Return a stand-in for a local planner that has a plan, a path, and one sample."""
-    return Mock(
-        cropped_plan=PATH,
-        local_plan=PATH,
-        cost_cloud=lambda costmap: np.zeros((1, len(COST_FIELDS))),
-        trajectory_cloud=lambda costmap: np.zeros((1, len(displays.TRAJECTORY_FIELDS))),
-    )
+    planner = create_autospec(LocalPlanner, instance=True, cropped_plan=PATH, local_plan=PATH)
+    planner.cost_cloud.return_value = np.zeros((1, len(COST_FIELDS)))
+    planner.trajectory_cloud.return_value = np.zeros((1, len(displays.TRAJECTORY_FIELDS)))
+    return planner
 
 
-def test_each_message_has_the_frame_of_its_points(sent):
+def test_each_message_has_the_frame_of_its_points(offline_ros):
     display = shown("DWAPlannerROS", {"publish_traj_pc": True, "global_frame_id": "odom"})
     display.planned(PATH, rospy.Time(1))
     display.controlled(local_planner(), None, rospy.Time(1))
     frames = {}
-    for topic, messages in sent.items():
+    fields = {}
+    for topic, messages in offline_ros.published.items():
         (message,) = messages
-        frames[topic.rpartition("/")[2]] = message.header.frame_id
+        name = topic.rpartition("/")[2]
+        frames[name] = message.header.frame_id
+        fields[name] = [field.name for field in getattr(message, "fields", ())]
     assert frames == {
         "plan": "map",
         "global_plan": "matched",
@@ -65,6 +53,7 @@ def test_each_message_has_the_frame_of_its_points(sent):
         "cost_cloud": "matched",
         "trajectory_cloud": "matched",
     }
+    assert fields["trajectory_cloud"] == ["x", "y", "z", "theta", "cost"]
 
 
 @pytest.mark.parametrize(
@@ -77,10 +66,10 @@ def test_each_message_has_the_frame_of_its_points(sent):
     ],
 )
 def test_trajectories_come_in_each_cycle_as_in_cpp_or_five_times_a_second(
-    planner_name, parameters, count, sent
+    planner_name, parameters, count, offline_ros
 ):
     display = shown(planner_name, parameters)
     for cycle in range(11):
         stamp = rospy.Time.from_sec(5.0 + 0.1 * cycle)
         display.controlled(local_planner(), None, stamp)
-    assert len(sent[f"~{planner_name}/trajectory_cloud"]) == count
+    assert len(offline_ros.published[f"~{planner_name}/trajectory_cloud"]) == count

@@ -1,7 +1,6 @@
 """Test of the action server of move_base, without a ROS master."""
 
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import pytest
 import rospy
@@ -10,36 +9,20 @@ from move_base_msgs.msg import MoveBaseActionGoal
 
 from applr_ros1.nodes.move_base.goal_server import GoalServer
 
+pytest_plugins = ("tests.support.offline_ros",)
+
 
 @pytest.fixture
-def server(monkeypatch):
+def server(offline_ros):
     """Provide goal(id) and cancel(id), which send messages; time(t) to set the clock [s];
     statuses() of the goals by id; and lines, the errors in the log.
     """
-    callbacks = {}
-    lines = []
-    clock = [rospy.Time(100)]
-
-    def subscribe(topic, kind, callback, **options):
-        callbacks[topic] = callback
-
-    def log(line, *arguments):
-        lines.append(line % arguments if arguments else line)
-
-    rospy.rostime.set_rostime_initialized(True)
-    monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
-    monkeypatch.setattr(rospy, "Subscriber", subscribe)
-    monkeypatch.setattr(rospy, "Publisher", MagicMock())
-    monkeypatch.setattr(rospy, "Timer", MagicMock())
-    monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
-    monkeypatch.setattr(rospy, "has_param", lambda name: False)
-    monkeypatch.setattr(rospy, "search_param", lambda name: None)
-    monkeypatch.setattr(rospy, "logerr", log)
+    callbacks = offline_ros.callbacks
     goals = GoalServer()
     goals.start()
 
     def time(seconds):
-        clock[0] = rospy.Time(seconds)
+        offline_ros.now = seconds
 
     def goal(goal_id, stamp=100):
         callbacks["move_base/goal"](MoveBaseActionGoal(goal_id=GoalID(rospy.Time(stamp), goal_id)))
@@ -54,7 +37,12 @@ def server(monkeypatch):
         return by_id
 
     return SimpleNamespace(
-        goal=goal, cancel=cancel, time=time, statuses=statuses, lines=lines, goals=goals
+        goal=goal,
+        cancel=cancel,
+        time=time,
+        statuses=statuses,
+        lines=offline_ros.log["err"],
+        goals=goals,
     )
 
 

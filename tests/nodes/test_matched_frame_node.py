@@ -2,8 +2,7 @@
 the planner's parameters, and goals before the first transform.
 """
 
-from types import SimpleNamespace
-from unittest.mock import MagicMock
+from unittest.mock import create_autospec
 
 import pytest
 import rospy
@@ -12,7 +11,6 @@ from applr_ros1.common.angles import compose
 from applr_ros1.common.messages import pose_of
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.monitor import frame_broadcaster
 from applr_ros1.nodes.monitor import node as monitor_node
 from applr_ros1.nodes.monitor.frame_broadcaster import FrameBroadcaster
 from applr_ros1.nodes.monitor.node import CollisionMonitorNode
@@ -22,22 +20,20 @@ from applr_ros1.planner.parameters.check import check
 from applr_ros1.robots import JACKAL
 from tests.support.move_base_node import lone_node
 
+pytest_plugins = ("tests.support.offline_ros",)
 CORRECTION = (0.5, -0.2, 0.3)
 
 
 @pytest.fixture
-def broadcast(monkeypatch):
-    """Return a frame, and the transforms that it has broadcast so far."""
-    transforms = []
-    publisher = SimpleNamespace(publish=lambda message: transforms.extend(message.transforms))
-    monkeypatch.setattr(frame_broadcaster.rospy, "Publisher", lambda *_, **__: publisher)
-    return FrameBroadcaster("robot1/odom", "robot1/matched"), transforms
+def broadcast(offline_ros):
+    """Return a frame, and the messages that it has broadcast so far."""
+    return FrameBroadcaster("robot1/odom", "robot1/matched"), offline_ros.published["/tf"]
 
 
 def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(broadcast):
-    frame, transforms = broadcast
+    frame, messages = broadcast
     frame.update(rospy.Time(10), CORRECTION)
-    (transform,) = transforms
+    ((transform,),) = (message.transforms for message in messages)
     assert transform.header.frame_id == "robot1/odom"
     assert transform.child_frame_id == "robot1/matched"
     assert transform.header.stamp == rospy.Time(10, 100_000_000)
@@ -46,22 +42,23 @@ def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(bro
 
 
 def test_it_is_broadcast_twenty_times_a_second_with_or_without_scans(broadcast):
-    frame, transforms = broadcast
+    frame, messages = broadcast
     for centiseconds in range(100):
         frame.update(rospy.Time(10, centiseconds * 10_000_000), CORRECTION)
-    assert len(transforms) == 20
+    assert len(messages) == 20
     # A wall clock is set back a little, and a clock jumps.
     for is_jump, seconds in ((False, 10), (True, 3)):
         if is_jump:
             frame.forget()
         frame.update(rospy.Time(seconds), CORRECTION)
-        assert transforms[-1].header.stamp == rospy.Time(seconds, 100_000_000)
+        (transform,) = messages[-1].transforms
+        assert transform.header.stamp == rospy.Time(seconds, 100_000_000)
 
 
 def test_nothing_is_broadcast_before_a_simulated_clock_starts(broadcast):
-    frame, transforms = broadcast
+    frame, messages = broadcast
     frame.update(rospy.Time(0), CORRECTION)
-    assert transforms == []
+    assert messages == []
 
 
 def global_frame(**parameters):
@@ -86,9 +83,7 @@ def test_the_global_costmap_is_in_the_frame_unless_there_is_a_map_or_the_user_sa
 def test_a_goal_waits_for_the_monitors_first_transform(
     awaits_monitor, knows_frame, is_taken, monkeypatch
 ):
-    warnings = []
-    monkeypatch.setattr(rospy, "logwarn_throttle", lambda _, line: warnings.append(line))
-    node, _ = lone_node(monkeypatch, robot="turtlebot3_waffle_pi", matched=awaits_monitor)
+    node, ros = lone_node(monkeypatch, robot="turtlebot3_waffle_pi", matched=awaits_monitor)
     node.sensors.place_of.return_value = (0.0, 0.0, 0.0) if knows_frame else None
     node.goals.is_new_goal_available.return_value = True
     node.goals.is_active.return_value = False
@@ -98,7 +93,7 @@ def test_a_goal_waits_for_the_monitors_first_transform(
     node.cycle(rospy.Time(10))
     assert node.goals.accept_new_goal.called == node.move_base.set_goal.called == is_taken
     line = "a goal waits for frame matched of the collision monitor: start the monitor"
-    assert warnings == ([] if is_taken else [line])
+    assert ros.log["warn"] == ([] if is_taken else [line])
 
 
 def test_a_monitor_that_starts_again_begins_another_frame():
@@ -122,9 +117,7 @@ def test_another_drive_begins_no_frame():
 
 
 def test_goal_and_maps_follow_a_monitor_that_starts_again(monkeypatch):
-    warnings = []
-    monkeypatch.setattr(rospy, "logwarn", lambda line, *values: warnings.append(line % values))
-    node, messages = lone_node(monkeypatch, robot="turtlebot3_waffle_pi", matched=True)
+    node, ros = lone_node(monkeypatch, robot="turtlebot3_waffle_pi", matched=True)
     node.move_base.goal = compose(CORRECTION, (2.0, 1.0, 0.4))
     node.sensors.pose.return_value = (0.0, 0.0, 0.0)
     odometry = {"odom": CORRECTION}  # pose of the odometry's frame in that of the matched poses
@@ -137,27 +130,23 @@ def test_goal_and_maps_follow_a_monitor_that_starts_again(monkeypatch):
     ((goal, time),) = (call.args for call in node.move_base.set_goal.call_args_list)
     assert goal == pytest.approx((2.0, 1.0, 0.4))
     assert time == 15.0
-    (published_goal,) = messages["~current_goal"]
+    (published_goal,) = ros.published["~current_goal"]
     assert published_goal.header.stamp == rospy.Time(15)
     assert published_goal.header.frame_id == "matched"
-    (warning,) = warnings
+    (warning,) = ros.log["warn"]
     assert warning.startswith("the collision monitor has started again: the goal moves")
 
 
-def test_an_error_of_the_monitor_does_not_move_its_frame(monkeypatch):
+def test_an_error_of_the_monitor_does_not_move_its_frame(offline_ros, monkeypatch):
     # Given: a monitor node whose sensors fail
     for name in ("BaseCommands", "Sensors", "warm_up"):
-        monkeypatch.setattr(monitor_node, name, MagicMock())
-    for name in ("Publisher", "Subscriber", "logerr_throttle"):
-        monkeypatch.setattr(rospy, name, MagicMock())
-    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
+        monkeypatch.setattr(monitor_node, name, create_autospec(getattr(monitor_node, name)))
     node = CollisionMonitorNode(MonitorSettings.of(JACKAL), JACKAL, "", [], escape=False)
     node.sensors.observations.side_effect = ValueError("a test")
     node.monitor.matched_frame.correction = CORRECTION
 
     # When: a command arrives
-    _, _, take_command = rospy.Subscriber.call_args.args
-    take_command(conversions.twist(0.5, 0.0))
+    offline_ros.callbacks["cmd_vel_in"](conversions.twist(0.5, 0.0))
 
-    assert rospy.logerr_throttle.called
+    assert len(offline_ros.log["err"]) == 1
     assert node.monitor.matched_frame.correction == CORRECTION

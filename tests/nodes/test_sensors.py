@@ -12,33 +12,23 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import sensors as module
-from applr_ros1.nodes import transforms
 from tests.support.nodes import transform
+
+pytest_plugins = ("tests.support.offline_ros",)
 
 
 @pytest.fixture
-def robot(monkeypatch):
+def robot(offline_ros):
     """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send
     messages with stamp t; lines for the errors in the log.
     """
-    callbacks = {}
-    lines = []
-    clock = [rospy.Time(100)]
-
-    def subscribe(topic, kind, callback, **options):
-        callbacks[topic] = callback
-
-    monkeypatch.setattr(rospy, "Subscriber", subscribe)
-    monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
-    monkeypatch.setattr(rospy, "logerr_throttle", lambda _, line: lines.append(line))
-    monkeypatch.setattr(rospy, "logerr", lines.append)
-    monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
+    callbacks = offline_ros.callbacks
     sensors = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
 
     def time(t):
         """Set the clock, and return its time."""
-        clock[0] = rospy.Time.from_sec(t)
-        return clock[0]
+        offline_ros.now = t
+        return offline_ros.time
 
     def scan(t, frame="base", ranges=(1.0, 2.0, 3.0)):
         """Send a scan, by default of a laser in the robot's centre."""
@@ -62,7 +52,12 @@ def robot(monkeypatch):
         callbacks["odom"](message)
 
     return SimpleNamespace(
-        sensors=sensors, time=time, scan=scan, tf=tf, odometry=odometry, lines=lines
+        sensors=sensors,
+        time=time,
+        scan=scan,
+        tf=tf,
+        odometry=odometry,
+        lines=offline_ros.log["err"],
     )
 
 

@@ -9,11 +9,9 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from applr_ros1.policy.methods import POLICY, shipped
 from applr_ros1.robots import load
 from tests.support import HANGS, ros
 from tests.support.refusals import refused
@@ -138,17 +136,6 @@ def test_invalid_parameters_are_one_line(module, own_parameters, line, tmp_path,
     for endpoint in ("Publisher", "Subscriber"):
         monkeypatch.setattr("rospy." + endpoint, lambda *_, **__: pytest.fail("the node goes on"))
     refused(node.main, line)
-
-
-def test_a_policy_with_a_wrong_byte_leaves_the_default_parameters(tmp_path):
-    node = importlib.import_module("applr_ros1.nodes.applr.main")
-    robot = load("jackal")
-    content = Path(shipped(POLICY, robot)).read_bytes()
-    damaged_file = tmp_path / "mine.safetensors"
-    damaged_file.write_bytes(content.replace(b'"period_s"', b'"base"    ', 1))
-    method, problem = node.make_method(str(damaged_file), robot, "")
-    assert method.name == "dwa"
-    assert problem.startswith(f"{damaged_file}: cannot be read")
 
 
 def test_code_is_imported_only_for_the_method_given_at_the_start(tmp_path, monkeypatch):

@@ -4,7 +4,6 @@ import io
 import math
 import shutil
 import xmlrpc.client
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,23 +23,7 @@ from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from applr_ros1.policy.supervisor import Ruling
 from training.bags.read import read
 
-
-@pytest.fixture
-def published(monkeypatch):
-    """Provide the list of published messages, as (topic, message)."""
-    messages = []
-
-    def publisher(topic, kind, **_):
-        def publish(content):
-            # rospy, too, makes a message of its content.
-            message = content if isinstance(content, kind) else kind(content)
-            messages.append((topic, message))
-
-        return SimpleNamespace(publish=publish)
-
-    monkeypatch.setattr(rospy, "Publisher", publisher)
-    monkeypatch.setattr(rospy, "get_namespace", lambda: "/")
-    return messages
+pytest_plugins = ("tests.support.offline_ros",)
 
 
 def snapshot(number):
@@ -78,8 +61,10 @@ def decide(topics, number, theta, refused="", cleared=False):
     topics.decision(ruling, stamp, "goal 7", inputs, context)
 
 
-def written(path, messages):
-    """Write messages into a bag with some scans and odometry, and return it as a drive."""
+def written(path, published):
+    """Write messages {topic: list} into a bag with some scans and odometry, and return it as a
+    drive.
+    """
     with rosbag.Bag(str(path), "w") as bag:
         for second in (100, 101, 102, 103):
             stamp = rospy.Time(second, 1)
@@ -89,17 +74,18 @@ def written(path, messages):
                 message.header.stamp = stamp
                 message.header.frame_id = "odom"
                 bag.write(topic, message, stamp)
-        for index, (topic, message) in enumerate(messages):
-            bag.write("/" + topic, message, rospy.Time(104, index))
+        for topic, messages in published.items():
+            for index, message in enumerate(messages):
+                bag.write("/" + topic, message, rospy.Time(104, index))
     return read(path)
 
 
-def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
+def test_decisions_in_a_bag_are_read_as_they_were_made(offline_ros, tmp_path):
     topics = applr_topics.ApplrTopics()
     theta = SPACE.clip(np.linspace(0.4, 1.9, len(SPACE)))
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite", cleared=True)
-    decisions = written(tmp_path / "a.bag", published).decisions
+    decisions = written(tmp_path / "a.bag", offline_ros.published).decisions
     decided_parameters = [SPACE.as_dict(theta), {}]
     assert [decision.cleared for decision in decisions] == [False, True]
     decisions_and_parameters = zip(decisions, decided_parameters, strict=True)
@@ -132,9 +118,9 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
             )
 
 
-def test_a_decision_is_small_and_names_its_inputs(published):
+def test_a_decision_is_small_and_names_its_inputs(offline_ros):
     decide(applr_topics.ApplrTopics(), 2, THETA_0)
-    (message,) = [message for topic, message in published if topic == "applr/decision"]
+    (message,) = offline_ros.published["applr/decision"]
     stamps = message.scan, message.odometry, message.plan, message.movers.header.stamp
     assert [stamp.to_nsec() % 10**9 for stamp in stamps] == [1, 2, 3, 4]
     # 7 kB in each decision; the scan alone takes 2880 bytes.

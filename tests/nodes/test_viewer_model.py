@@ -7,7 +7,7 @@ import math
 import threading
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import MagicMock
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from nav_msgs.msg import OccupancyGrid
 
 from applr_ros1.robots import JACKAL
 
+viser = pytest.importorskip("viser")
 scene = pytest.importorskip("applr_ros1.nodes.viewer.scene")
 shapes = pytest.importorskip("applr_ros1.nodes.viewer.shapes")
 listening = pytest.importorskip("applr_ros1.nodes.viewer.listening")
@@ -24,7 +25,7 @@ listening = pytest.importorskip("applr_ros1.nodes.viewer.listening")
 @pytest.mark.parametrize("is_round", [False, True])
 def test_a_round_body_is_shown_as_a_cylinder(is_round):
     body = JACKAL.body.model_copy(update={"round": is_round, "size": (0.6, 0.5, 0.2)})
-    drawn = MagicMock()
+    drawn = create_autospec(viser.SceneApi, instance=True)
     shapes.Model(drawn, "/robot", replace(JACKAL, body=body), (1, 2, 3))
     cylinders = {}
     for call in drawn.add_cylinder.mock_calls:
@@ -39,7 +40,7 @@ def test_a_round_body_is_shown_as_a_cylinder(is_round):
 
 
 def test_an_arrow_on_the_body_points_to_its_front():
-    drawn = MagicMock()
+    drawn = create_autospec(viser.SceneApi, instance=True)
     shapes.Model(drawn, "/robot", JACKAL, (1, 2, 3))
     (arrow,) = drawn.add_mesh_simple.mock_calls
     _, corners, _ = arrow.args
@@ -103,7 +104,9 @@ def test_a_camera_that_the_user_has_moved_follows_the_robot():
 
 def test_a_costmap_turns_with_its_frame():
     image = SimpleNamespace()
-    drawn = shapes.DrawnCostmap(MagicMock(**{"add_image.return_value": image}), "/global", 0.01)
+    viewer_scene = create_autospec(viser.SceneApi, instance=True)
+    viewer_scene.add_image.return_value = image
+    drawn = shapes.DrawnCostmap(viewer_scene, "/global", 0.01)
     grid = OccupancyGrid()
     grid.header.frame_id = "matched"
     grid.info.width = 4

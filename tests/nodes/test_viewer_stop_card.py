@@ -8,6 +8,7 @@ from applr_ros1.msg import Stop
 
 from applr_ros1.nodes.viewer.stop_card import ANSWER, StopCard
 
+pytest_plugins = ("tests.support.offline_ros",)
 NOW_S = 1000.0
 
 
@@ -39,9 +40,9 @@ class FakePage:
 
 
 @pytest.fixture
-def page(monkeypatch):
+def page(offline_ros):
     """Return a page at the time NOW_S."""
-    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time.from_sec(NOW_S))
+    offline_ros.now = NOW_S
     return FakePage()
 
 

@@ -4,10 +4,7 @@ course.
 
 import math
 
-import pytest
-
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.support.robots import ToyRobot, dwa_parameters, run, start
 
 DWA = "DWAPlannerROS"
@@ -23,26 +20,6 @@ def test_success_is_reported_at_every_planner_frequency():
         move_base.set_goal((1.0, 0.0, 0.0), 0.0)
         assert run(move_base, robot, 10.0) == ("succeeded", "Goal reached.")
         assert robot.time < 6.0
-
-
-def test_reconfigure_reaches_the_planner_and_no_other_server():
-    move_base, robot = start((4.0, 0.0, 0.0), tree=dwa_parameters())
-    assert move_base.local_planner_name == DWA
-    assert "TrajectoryPlannerROS" not in move_base.servers
-    slow_speeds = {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0}
-    in_force = move_base.reconfigure(DWA, slow_speeds)
-    assert in_force["acc_lim_x"] == 20.0, "the largest allowed value"
-    run(move_base, robot, 1.0)
-    assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
-
-    # A refused request changes nothing.
-    with pytest.raises(ParameterError, match="at most 1000000 together"):
-        move_base.reconfigure(DWA, {"vth_samples": 2000000, "max_vel_x": 0.1})
-    assert move_base.configuration(DWA)["max_vel_x"] == 0.2
-    with pytest.raises(ParameterError, match="TrajectoryPlannerROS"):
-        move_base.reconfigure("TrajectoryPlannerROS", {"max_vel_x": 0.2})
-    move_base.reset(robot.time)
-    assert move_base.configuration(DWA)["max_vel_x"] == 0.5
 
 
 def test_the_latch_is_read_from_the_namespace_of_move_base():

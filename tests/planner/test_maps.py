@@ -626,24 +626,6 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     assert move_base.local_costmap.size == (120, 120)
 
 
-def test_a_map_survives_a_reset():
-    move_base = on_a_map("TrajectoryPlannerROS")
-    assert move_base.missing_map == "map"
-    assert move_base.map_topics == {"map": False}
-    move_base.set_map(wall_with_a_door())
-    # As after a jump of the clock: map_server will not publish the map again.
-    move_base.reset(5.0)
-    assert move_base.missing_map == ""
-    assert move_base.global_costmap.size == (200, 120)
-
-    robot = ToyRobot(HERE)
-    move_base.set_goal((5.0, 0.0, 0.0), 0.0)
-    move_base.step(0.0, robot.pose, robot.twist, robot.scan())
-    x, y, _ = move_base.global_plan.T
-    y_at_wall = y[np.argmin(np.abs(x - 2.1))]
-    assert 0.9 < y_at_wall < 2.1, "the plan does not lead through the door"
-
-
 def with_static_layer(costmap_name, costmap_values, **static_values):
     """Return MoveBase whose costmap of this name has other values, and a static layer. The global
     costmap is in the frame map, the local one in odom.
@@ -712,9 +694,11 @@ def test_a_reset_keeps_the_updates_of_a_map(subscribes):
 @pytest.mark.parametrize("first_only", [True, False])
 def test_a_reset_shows_the_map_that_was_in_use(first_only):
     move_base = with_static_layer("global_costmap", {}, first_map_only=first_only)
+    assert move_base.missing_map == "map"
     move_base.set_map(free_map(40, 40, 0.1, (-2.0, -2.0)))
     move_base.set_map(map_of(100))
     assert lethal_after_a_reset(move_base) is not first_only
+    assert move_base.missing_map == ""
 
 
 @pytest.mark.parametrize("allowed", [True, False])

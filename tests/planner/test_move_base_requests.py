@@ -253,13 +253,6 @@ def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     is_lethal = move_base.global_costmap.cells == 254
     assert (is_lethal == was_lethal).all()
 
-    # Without a goal, the call of make_plan frees the cells within clearing_radius.
-    move_base.cancel()
-    run(move_base, robot, 0.1)
-    move_base.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    is_lethal = move_base.global_costmap.cells == 254
-    assert not is_lethal[was_lethal].all()
-
 
 def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():
     move_base = MoveBase(quick())

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy import methods
-from applr_ros1.policy.decision import PERIOD, Seen
-from applr_ros1.policy.dimensionless import DimensionlessEncoding
+from applr_ros1.policy.decision import Seen
 from applr_ros1.policy.methods import FixedParameters
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.pilot import DEFAULTS, LOST_PERIODS, METHOD, STALL, Pilot
+from applr_ros1.policy.pilot import DEFAULTS, METHOD, STALL, Pilot
 from applr_ros1.policy.stall_rule import BACKING_OUT
-from applr_ros1.robots import JACKAL, load
-from tests.support.contexts import AHEAD, Chooses, driving, parameters, scene
+from applr_ros1.robots import JACKAL
+from tests.support.contexts import Chooses, driving, parameters, scene
 
 SPACE = space_of(JACKAL)
 THETA_0 = SPACE.theta0
@@ -41,39 +39,6 @@ def test_parameters_of_the_method_are_clipped_and_counts_rounded():
 
 def test_a_method_that_chooses_the_default_parameters_leaves_the_planners_unit():
     assert Pilot(Chooses(), JACKAL).decide(driving(0)).why == DEFAULTS
-
-
-@pytest.mark.parametrize("method_name", methods.METHODS)
-def test_each_method_drives_within_the_ranges(method_name):
-    pilot = Pilot(methods.make(method_name), JACKAL)
-    pilot.begin(1)
-    layout = pilot.method.layout
-    rng = np.random.default_rng(0)
-    for time in range(10):
-        ranges = rng.uniform(0.1, 5.0, layout.beams).astype(np.float32)
-        context = replace(driving(time), ranges=ranges, layout=layout)
-        theta = pilot.decide(context).theta
-        assert np.array_equal(SPACE.clip(theta), theta)
-
-
-@pytest.mark.parametrize("robot_name", NAMES)
-def test_actions_of_one_policy_drive_each_robot_within_its_ranges(robot_name):
-    robot = load(robot_name)
-    encoding = DimensionlessEncoding(robot, PERIOD)
-    space = space_of(robot)
-    rng = np.random.default_rng(0)
-    method = Chooses()
-    pilot = Pilot(method, robot)
-    for action in rng.uniform(-1.0, 1.0, (50, encoding.actions)):
-        method.chosen = encoding.theta(action)
-        theta = pilot.decide(scene(0.0, v=1.0, robot=robot, way=AHEAD)).theta
-        assert np.array_equal(space.clip(theta), theta)
-
-
-def test_parameters_that_are_not_finite_are_no_decision():
-    pilot = Pilot(Chooses(parameters(max_vel_x=np.nan)), JACKAL)
-    with pytest.raises(ApplrError, match="max_vel_x is nan, not finite"):
-        pilot.decide(driving(0))
 
 
 def test_observations_are_scaled_to_the_whole_ranges_whatever_the_speed_limit():
@@ -225,16 +190,6 @@ def test_after_three_periods_without_a_decision_come_the_defaults():
         # A decision ends the loss.
         pilot.decide(driving(0))
         assert not pilot.has_lost_method
-
-
-def test_a_method_that_raises_has_not_decided():
-    method = Chooses(ApplrError("no observation"))
-    pilot = Pilot(method, JACKAL)
-    for _ in range(LOST_PERIODS):
-        with pytest.raises(ApplrError, match="no observation"):
-            pilot.decide(driving(0))
-        pilot.miss()
-    assert pilot.has_lost_method
 
 
 def test_a_static_method_keeps_its_parameters_without_a_decision():

@@ -465,6 +465,21 @@ def test_one_request_for_each_server():
     assert SPACE.read_back(requests).tolist() == theta.tolist()
 
 
+@pytest.mark.parametrize("padding", [0.0, 0.05])
+def test_no_set_but_that_of_the_files_lets_global_plans_through_gaps_narrower_than_the_robot(padding):
+    # The Jackal's footprint is 0.33 m wide, and a cell 0.05 m.
+    needed_radius = 0.165 + padding + 0.025
+    local_layer, global_layer = INFLATION
+
+    def radii(radius):
+        theta = SPACE.from_dict({"inflation_radius": radius, "footprint_padding": padding})
+        settings = SPACE.settings(theta)
+        return [settings[layer]["inflation_radius"] for layer in (local_layer, global_layer)]
+
+    assert radii(0.1) == [0.1, pytest.approx(needed_radius)]
+    assert radii(0.5) == [0.5, 0.5]
+
+
 def test_named_methods_and_files_give_their_parameters(tmp_path):
     observation = observe(np.ones(720), 0.0, THETA_0)
     context = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)

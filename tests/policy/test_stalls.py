@@ -209,14 +209,6 @@ def test_the_first_third_of_a_metre_of_the_plan_counts():
         assert backs_out((0.0, 0.0, 0.0), points) == leads_back
 
 
-def test_without_a_plan_it_backs_out():
-    rule = StallRule(JACKAL)
-    for time in range(9):
-        context = replace(scene(float(time)), plan=np.zeros((0, 2)))
-        theta = rule.instead(SET, context, SPACE.theta0)
-    assert is_backing_out(theta)
-
-
 def test_a_robot_without_a_plan_does_not_stand_in_a_dead_end():
     """It goes on backing out, for which it has up to 8 s, although it has not moved yet."""
     rule = StallRule(JACKAL)
@@ -225,6 +217,20 @@ def test_a_robot_without_a_plan_does_not_stand_in_a_dead_end():
         context = replace(scene(float(time)), plan=np.zeros((0, 2)))
         chosen.append(rule.instead(SET, context, SPACE.theta0))
     assert all(map(is_backing_out, chosen[8:]))
+
+
+def test_a_robot_that_stands_within_the_tolerance_of_its_goal_is_not_stuck():
+    def last_decision(distance):
+        rule = StallRule(JACKAL)
+        for time in range(9):
+            goal = (0.0, distance, 1.0)
+            context = replace(scene(float(time)), goal=goal, plan=np.zeros((0, 2)))
+            replaced = rule.instead(SET, context, SPACE.theta0)
+        return replaced, rule.clears_costmaps
+
+    assert last_decision(JACKAL.goal_tolerance - 0.01) == (None, False)
+    beyond_tolerance, clears_costmaps = last_decision(JACKAL.goal_tolerance + 0.01)
+    assert beyond_tolerance is not None and clears_costmaps
 
 
 def test_each_stall_begins_with_backing_out():

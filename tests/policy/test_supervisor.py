@@ -369,7 +369,7 @@ def test_each_costmap_has_its_own_default_between_courses_and_one_value_in_a_dec
     inflation = {"global_costmap": {"inflater_layer": {"inflation_radius": 0.1}}}
     robot = JACKAL.with_parameters(inflation, "jackal with two inflations")
     space = space_of(robot)
-    supervised = Supervised(Chooses(space.from_dict({"inflation_radius": 0.2})), robot)
+    supervised = Supervised(Chooses(space.from_dict({"inflation_radius": 0.4})), robot)
 
     def radii(choice):
         settings = space.settings(choice.theta)
@@ -378,6 +378,6 @@ def test_each_costmap_has_its_own_default_between_courses_and_one_value_in_a_dec
 
     assert radii(supervised.supervisor.rest()) == [0.3, 0.1]
     supervised.supervisor.pursue("one", 0.0)
-    assert radii(supervised.decide(0.0).request) == [0.2, 0.2]
+    assert radii(supervised.decide(0.0).request) == [0.4, 0.4]
     supervised.supervisor.switch(False)
     assert radii(supervised.supervisor.rest()) == [0.3, 0.1]

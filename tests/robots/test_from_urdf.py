@@ -645,18 +645,6 @@ def test_shapes_down_to_the_ground_are_proposed_as_the_outline(make, tmp_path):
     assert "  # bottom: 0.005 " in text
 
 
-def test_masses_of_the_urdf_are_proposed(make, tmp_path):
-    # Given: the body has 5 kg, the scanner .8 kg, the caster's roller .2 kg
-    written = make(CART)
-    assert "base.wheel_mass [kg] mass of one driven wheel; the wheel's mass in the URDF: 0.4\n" in (
-        written.output
-    )
-    assert "; the sum of the other masses in the URDF: 6.0\n" in written.output
-    text = (tmp_path / "my_robot/robot.yaml").read_text()
-    assert "  # wheel_mass: 0.4 " in text
-    assert "  # mass: 6.0 " in text
-
-
 MASSLESS_WHEELS = re.sub("<inertial>.*?</inertial>", "", WHEELS)
 MASSLESS_HULL = re.sub("<inertial>.*?</inertial>", "", HULL)
 
@@ -664,6 +652,8 @@ MASSLESS_HULL = re.sub("<inertial>.*?</inertial>", "", HULL)
 @pytest.mark.parametrize(
     ("urdf", "proposals"),
     [
+        # The body has 5 kg, the scanner .8 kg, the caster's roller .2 kg.
+        (CART, {"wheel_mass": "0.4", "mass": "6.0"}),
         # The body's own mass is one, even if the wheels have none.
         (CART.replace(WHEELS, MASSLESS_WHEELS), {"mass": "6.0"}),
         # A mass of the laser and the caster alone is none.
@@ -678,12 +668,16 @@ MASSLESS_HULL = re.sub("<inertial>.*?</inertial>", "", HULL)
         # Placeholders
         (CART.replace('"0.4"', '"1e-6"'), {"mass": "6.0"}),
     ],
-    ids=["wheels without", "a laser alone", "a link for the mass", "placeholders"],
+    ids=["all", "wheels without", "a laser alone", "a link for the mass", "placeholders"],
 )
-def test_masses_of_some_parts_alone_are_no_proposal(make, tmp_path, urdf, proposals):
-    make(urdf)
+def test_masses_of_the_urdf_are_proposed_unless_they_are_of_some_parts_alone(
+    make, tmp_path, urdf, proposals
+):
+    printed = make(urdf).output
     text = (tmp_path / "my_robot/robot.yaml").read_text()
     assert dict(re.findall(r"^  # (mass|wheel_mass): (\S+) ", text, re.MULTILINE)) == proposals
+    told = re.findall(r"mass\b.* in the URDF\b.*: (\S+)\n", printed)
+    assert told == list(proposals.values())
 
 
 def test_a_collada_mesh_has_its_own_unit(make, tmp_path):

@@ -158,8 +158,3 @@ def test_a_deceleration_that_the_tyres_cannot_give_is_an_error(com, friction, li
     braking = robot.monitor.model_copy(update={"deceleration": given_limit})
     for other_problem in fields(replace(robot, monitor=braking)):
         assert not other_problem.startswith("monitor.")
-
-
-@pytest.mark.parametrize("name", robots.NAMES)
-def test_included_robots_can_do_what_their_descriptions_state(name):
-    assert list(fields(robots.load(name))) == []

@@ -233,6 +233,20 @@ def test_a_range_of_clearing_below_that_of_marking_is_remarked():
     }
 
 
+def test_an_inflation_that_lets_global_plans_through_too_narrow_gaps_is_remarked():
+    def remarks_with(radius):
+        inflation = dict.fromkeys(COSTMAP_NAMES, {"inflater_layer": {"inflation_radius": radius}})
+        return remarks(load("jackal").with_parameters(inflation, "mine"))
+
+    (remark,) = remarks_with(0.28)
+    assert remark.line == (
+        "global_costmap/inflater_layer/inflation_radius is 0.28: plans lead through gaps that are "
+        "narrower than the robot, raise it to 0.29, for the footprint's inscribed radius"
+    )
+    assert remark.correction == {"global_costmap": {"inflater_layer": {"inflation_radius": 0.29}}}
+    assert remarks_with(0.29) == []
+
+
 def test_another_odometry_of_the_planner_than_of_the_monitor_is_remarked():
     def lines_with(topic):
         changes = {"DWAPlannerROS": {"odom_topic": topic}}

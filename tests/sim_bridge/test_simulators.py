@@ -716,14 +716,10 @@ def test_kinematic_contacts_end_like_pybullets():
 
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])
-def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
+def test_other_robots_drive_alike_in_both(name):
     robot = robots.load(name)
     v = 0.5 * robot.base.max_speed
     w = 0.3 * robot.base.max_yaw_rate
-    front = geometry.bounding_box(robot).front
-    # The robot reaches the wall in less than 3 s.
-    wall_x = 1.5 * front + v
-    wall = (wall_x + 0.1, 0.0, 0.0, 0.2, 4.0)
     end_poses = []
     for simulator in (
         sim_bridge.make("kinematic", robot=robot),
@@ -731,14 +727,6 @@ def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
     ):
         simulator.reset(OPEN, 3)
         end_poses.append(drive(simulator, v, w, 2.0).pose)
-
-        simulator.reset(small_world(boxes=[wall]), 3)
-        assert not drive(simulator, v, 0.0, 0.5).contact
-        state = drive(simulator, v, 0.0, 4.0)
-        assert state.contact
-        assert not state.flipped
-        x, _, _ = state.pose
-        assert x == pytest.approx(wall_x - front, abs=0.02)
         assert simulator.scan().shape == (robot.laser.beams,)
         simulator.close()
     kinematic_end, pybullet_end = end_poses
@@ -832,27 +820,20 @@ def test_the_error_of_the_distance_has_its_size_and_stays_during_a_drive():
     assert distances.std() == pytest.approx(0.02, rel=0.1)
 
 
-def test_the_noise_of_the_heading_has_its_size_and_does_not_move_the_position():
-    errors = OdometryErrors(heading_noise=0.03, heading_drift=0.0)
+def test_the_noise_of_heading_and_speed_has_its_size_and_does_not_move_the_position():
+    errors = OdometryErrors(heading_noise=0.03, heading_drift=0.0, speed_noise=0.05)
     odometry = Odometry(errors, 0.5 * pi, np.random.default_rng(0))
     headings = np.empty(4_000)
+    speeds = np.empty(4_000)
     for sample in range(len(headings)):
         odometry.update(0.05, 0.5, 0.5 * pi, 0.0, 0.0)
         x, _, headings[sample] = odometry.pose
+        speeds[sample], _ = odometry.twist
         assert x == pytest.approx(0.0, abs=1e-9)
     assert headings.mean() == pytest.approx(0.5 * pi, abs=0.003)
     assert headings.std() == pytest.approx(0.03, rel=0.1)
-
-
-def test_the_noise_of_the_measured_speed_has_its_size():
-    errors = OdometryErrors(speed_noise=0.03)
-    odometry = Odometry(errors, 0.0, np.random.default_rng(0))
-    speeds = np.empty(4_000)
-    for sample in range(len(speeds)):
-        odometry.update(0.05, 0.5, 0.0, 0.0, 0.0)
-        speeds[sample], _ = odometry.twist
     assert speeds.mean() == pytest.approx(0.5, abs=0.01)
-    assert speeds.std() == pytest.approx(0.03, rel=0.1)
+    assert speeds.std() == pytest.approx(0.05, rel=0.1)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])

@@ -8,28 +8,8 @@ import pytest
 import sim_bridge
 import worlds
 from applr_ros1 import robots
-from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.stack.simulated import CONTROL_PERIOD, SimulatedRobot
-from applr_ros1.stack.stack import Step
-
-
-class Script:
-    """Driver that drives straight on, and notes what it gets."""
-
-    def __init__(self):
-        self.resets = []
-        self.goals = []
-        self.steps = []
-
-    def reset(self, now, seed):
-        self.resets.append((now, seed))
-
-    def set_goal(self, goal, now):
-        self.goals.append((goal, now))
-
-    def step(self, now, pose, twist, scan=None, local_origin=None):
-        self.steps.append((now, pose, scan, local_origin))
-        return Step(Cycle(), verdict=None, command=(0.2, 0.0))
+from tests.support.robots import Script
 
 
 def driven(robot, cycles, seed=0):

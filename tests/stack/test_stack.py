@@ -4,37 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.robots import JACKAL
 from applr_ros1.stack.stack import Stack
-from tests.support.robots import ToyRobot
-from tests.support.scenes import straight
+from tests.support.robots import FakeMoveBase, ToyRobot
 
 STOP = (0.0, 0.0)
 GOAL = (5.0, 0.0, 0.0)
 
 
-class StandingPlanner:
-    """Stub of a C++-like move_base that plans in each cycle and commands zero.
-
-    With a failing plan, it keeps the last one.
-    """
-
-    goal = GOAL
-    goal_tolerance = 0.25
-    global_frame = "odom"
-    global_plan = straight(5.0)
-    parameters = {"applr": {"movers": False}}
-    variant = "cpp-like"
-
-    def __init__(self, finds_plan):
-        self.finds_plan = finds_plan
-
-    def set_goal(self, goal, now):
-        pass
-
-    def step(self, now, pose, twist, sensed, local_origin):
-        return Cycle(command=STOP, planned=True, new_plan=self.finds_plan)
+def stack_of_standing_planner(finds_plan):
+    """Return a stack whose C++-like planner commands zero."""
+    planner = FakeMoveBase(STOP, variant="cpp-like", finds_plan=finds_plan)
+    return Stack(JACKAL, planner, monitor=True)
 
 
 def commands_of(stack, first_cycle, end_cycle):
@@ -51,7 +32,7 @@ def commands_of(stack, first_cycle, end_cycle):
 
 @pytest.mark.parametrize("finds_plan", [True, False])
 def test_a_standing_cpp_like_planner_gets_escape_motions_only_if_it_finds_plans(finds_plan):
-    stack = Stack(JACKAL, StandingPlanner(finds_plan), monitor=True)
+    stack = stack_of_standing_planner(finds_plan)
     stack.set_goal(GOAL, 0.0)
     # After 2 s the motions begin with those into unobserved space, of which the monitor lets none
     # pass.
@@ -62,7 +43,7 @@ def test_a_standing_cpp_like_planner_gets_escape_motions_only_if_it_finds_plans(
 
 
 def test_a_goal_that_is_sent_again_has_its_whole_patience():
-    stack = Stack(JACKAL, StandingPlanner(finds_plan=True), monitor=True)
+    stack = stack_of_standing_planner(finds_plan=True)
     stack.set_goal(GOAL, 0.0)
     assert set(commands_of(stack, 0, 38)) == {STOP}
     # 0.1 s before the motions would begin

@@ -24,6 +24,7 @@ def scene(time, x=0.0, v=0.0, robot=JACKAL, way=BACK):
         time=time,
         pose=pose,
         twist=(v, 0.0),
+        goal=(plan_x[-1], 0.0, 0.0),
         plan=plan,
         space=space,
     )

@@ -1,10 +1,6 @@
 """A move_base node without a ROS master, for tests of its cycles."""
 
-from collections import defaultdict
-from types import SimpleNamespace
-from unittest.mock import MagicMock, create_autospec
-
-import rospy
+from unittest.mock import create_autospec
 
 from applr_ros1.nodes.move_base import node as node_module
 from applr_ros1.nodes.robot_parameters import with_robot
@@ -13,6 +9,7 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import Cycle
+from tests.support.offline_ros import OfflineRos
 
 # What the node makes of ROS beside its publishers
 CONNECTED = (
@@ -26,19 +23,12 @@ CONNECTED = (
 
 
 def lone_node(monkeypatch, **parameters):
-    """Return a node with private parameters, and its messages by topic.
+    """Return a node with private parameters, and the OfflineRos around it.
 
     Sensors, goals and planner are stand-ins: nothing is measured, no goal comes, and a cycle of the
     planner does nothing.
     """
-    messages = defaultdict(list)
-
-    def publisher(topic, *_, **__):
-        return SimpleNamespace(publish=messages[topic].append)
-
-    monkeypatch.setattr(rospy, "Publisher", publisher)
-    for name in ("set_param", "logerr_throttle"):
-        monkeypatch.setattr(rospy, name, MagicMock())
+    ros = OfflineRos(monkeypatch)
     for name in CONNECTED:
         monkeypatch.setattr(node_module, name, create_autospec(getattr(node_module, name)))
     tree, robot = with_robot(parameters)
@@ -62,4 +52,4 @@ def lone_node(monkeypatch, **parameters):
     node.move_base.frequency = 20.0
     node.move_base.step.return_value = Cycle()
     node.move_base.in_global_frame.side_effect = lambda pose: pose
-    return node, messages
+    return node, ros

@@ -10,8 +10,9 @@ import numpy as np
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.state_machine import NO_PLAN
+from applr_ros1.planner.state_machine import NO_PLAN, Cycle
 from applr_ros1.robots import JACKAL
+from applr_ros1.stack.stack import Step
 from sim_bridge.lidar import Lidar
 
 JACKAL_PARAMETERS = JACKAL.parameters()
@@ -145,6 +146,97 @@ class Scripted:
     def compute_velocity(self, pose, twist, costmap, local_origin=None):
         self.calls += 1
         return self.answer(self.calls)
+
+
+class FakeMoveBase:
+    """Planner stub that gives each command (v, w) for a second, and the last one forever.
+
+    It is silent while a command is None. After `end` cycles it gives its `result`, and the robot
+    stands. Each tenth cycle plans, and without `finds_plan` keeps the plan that it had.
+    """
+
+    goal = None
+    map_topics = ()  # It has no static layer.
+    global_frame = "odom"
+
+    def __init__(self, *commands, end=None, result=None, variant="ours", finds_plan=True):
+        self.commands = commands
+        self.end = end
+        self.result = result
+        self.goals = []
+        self.requests = []
+        self.steps = []
+        self.scans = []
+        self.held = []
+        self.parameters = {"applr": {"movers": False}}
+        self.goal_tolerance = 0.25
+        self.variant = variant
+        self.finds_plan = finds_plan
+        diagonal = 0.1 * np.arange(40)
+        self.global_plan = np.column_stack([diagonal, diagonal, np.zeros(40)])
+
+    def reset(self, time, seed=None):
+        self.steps.clear()
+
+    def set_goal(self, goal, time):
+        self.goals.append((goal, time))
+        self.goal = goal
+
+    def make_plan(self, start, goal, tolerance=0.0):
+        return self.global_plan
+
+    def put_in_force(self, settings):
+        in_force = {}
+        for server, values in settings.items():
+            self.requests.append((server, values))
+            in_force[server] = dict(values)
+            if "vx_samples" in values:
+                in_force[server]["vx_samples"] = 7  # The server changes this value.
+        return in_force
+
+    def report_held(self, held):
+        self.held.append(held)
+
+    def step(self, time, pose, twist, scan, local_origin):
+        self.steps.append((time, pose, twist))
+        self.scans.append(scan)
+        cycle_count = len(self.steps)
+        command = None
+        if self.goals:
+            second = (cycle_count - 2) // 20
+            command = self.commands[min(second, len(self.commands) - 1)]
+            if self.end is not None and cycle_count > self.end:
+                _, w = command
+                command = (0.0, w)
+        result = None
+        if self.end is not None and cycle_count == self.end + 1:
+            result = self.result
+        planned = cycle_count % 10 == 1
+        return Cycle(
+            command=command, result=result, planned=planned, new_plan=planned and self.finds_plan
+        )
+
+
+class Script:
+    """Driver that gives one command (v, w), or None, and notes what it gets."""
+
+    goal_tolerance = 0.0
+
+    def __init__(self, command=(0.2, 0.0)):
+        self.command = command
+        self.resets = []
+        self.goals = []
+        self.steps = []
+
+    def reset(self, now, seed):
+        self.resets.append((now, seed))
+
+    def set_goal(self, goal, now):
+        self.goals.append((goal, now))
+
+    def step(self, now, pose, twist, scan=None, local_origin=None):
+        self.steps.append((now, pose, scan, local_origin))
+        return Step(Cycle(), verdict=None, command=self.command)
 
 
 # -- MoveBase with small maps ----------------------------------------------------------------------

@@ -168,7 +168,6 @@ def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
     ("command", "out"),
     [
         (draw, "/nowhere/out.png"),
-        (draw, "x.nonsense"),
         (sdf_writer, "/nowhere/w.world"),
     ],
 )

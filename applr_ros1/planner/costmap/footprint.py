@@ -110,6 +110,19 @@ def padded(values: Mapping[str, Any]) -> np.ndarray:
     return pad(outline, values["footprint_padding"])
 
 
+def passing_radius(values: Mapping[str, Any]) -> float:
+    """Return the smallest inflation radius [m] that keeps plans out of gaps narrower than the robot.
+
+    A smaller one marks no cell as inscribed, so navfn leads the robot's centre through every gap.
+    Half a cell more, because the inflation counts whole cells.
+
+    Args:
+        values: Parameters of a costmap.
+    """
+    inscribed_radius, _ = radii(padded(values))
+    return inscribed_radius + 0.5 * float(values["resolution"])
+
+
 def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
     """Return the vertices (n, 2) [m] placed at the pose x, y [m], yaw [rad]. footprint.cpp:106."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)

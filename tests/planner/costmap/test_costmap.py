@@ -171,14 +171,6 @@ def test_without_bounds_nothing_happens():
     assert costmap.cells[3, 3] == 9
 
 
-def test_a_cleared_costmap_forgets_its_obstacles():
-    costmap = fixed()
-    costmap.update(HERE, hit(1.0, 0.0))
-    assert (costmap.obstacles.cells == 254).any()
-    costmap.clear()
-    assert not (costmap.obstacles.cells == 254).any()
-
-
 def test_a_snapshot_restores_place_and_obstacles_after_the_map_has_moved():
     costmap = local()
     unmoved_costmap = local()

@@ -1,4 +1,4 @@
-"""Tests which reconfigurable parameters are read only at start-up: the same in C++, the tables and
+"""Tests which reconfigurable parameters are read only at start-up: the same in the tables and
 MoveBase.
 
 A value from a file and the same value from a later reconfigure must make MoveBase do the same,
@@ -29,50 +29,8 @@ CHANGED = {
 }
 # Parameters that name plugins, which MoveBase cannot change.
 PLUGINS = ("base_global_planner", "base_local_planner")
-# Code that reads parameters only once in C++: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
-# trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
-# latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
-BOTH = {
-    ("", "controller_frequency"): {PERIOD},
-    ("", "conservative_reset_dist"): {RECOVERY},
-    ("", "clearing_rotation_allowed"): {RECOVERY},
-}
-CPP = {
-    "DWAPlannerROS": BOTH,
-    "TrajectoryPlannerROS": {
-        **BOTH,
-        ("TrajectoryPlannerROS", "acc_lim_x"): {GOAL},
-        ("TrajectoryPlannerROS", "acc_lim_y"): {GOAL},
-        ("TrajectoryPlannerROS", "acc_lim_theta"): {GOAL, RECOVERY},
-        ("TrajectoryPlannerROS", "max_vel_theta"): {RECOVERY},
-        ("TrajectoryPlannerROS", "min_in_place_vel_theta"): {GOAL, RECOVERY},
-        ("local_costmap", "footprint"): {OUTLINE},
-        ("local_costmap", "robot_radius"): {OUTLINE},
-        ("local_costmap", "footprint_padding"): {OUTLINE},
-    },
-}
 # Without a sideways velocity, nobody sees how fast it may change.
 UNSEEN = {("TrajectoryPlannerROS", "acc_lim_y")}
-# Parameters that the stages do not show: MoveBase and its node read them from the configuration at
-# each use, another parameter overrides them, or they have no effect
-NOT_SHOWN = {
-    "": {
-        "planner_frequency",
-        "planner_patience",
-        "controller_patience",
-        "max_planning_retries",
-        "recovery_behavior_enabled",
-        "shutdown_costmaps",
-        "oscillation_timeout",
-        "oscillation_distance",
-        "make_plan_clear_costmap",
-        "make_plan_add_unreachable_goal",
-    },
-    "TrajectoryPlannerROS": {"acc_lim_y", "holonomic_robot", "y_vels"},
-    "DWAPlannerROS": {"acc_lim_trans", "prune_plan", "stop_time_buffer"},
-    "global_costmap": {"transform_tolerance", "publish_frequency", "robot_radius"},
-    "local_costmap": {"transform_tolerance", "publish_frequency"},
-}
 DRIVING, AT_GOAL, RECOVERING = "driving", "at the goal", "recovering"
 GOAL_POSE = (0.5, 0.0, 0.0)
 # Poses and twists of two arrivals, in the order in which a robot stops and turns at its goal. It
@@ -177,7 +135,7 @@ def other(parameter, value):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNERS)
-def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name):
+def test_parameters_read_once_are_the_same_in_tables_and_move_base(name):
     robot = robots.load(name)
     planner = PLANNERS[name]
     readers = {}
@@ -190,7 +148,6 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name):
     # robot_radius counts only without a footprint.
     without_footprint = copy.deepcopy(plain)
     without_footprint["local_costmap"].pop("footprint")
-    unchanged = {"": stages(MoveBase(plain)), "robot_radius": stages(MoveBase(without_footprint))}
     for server, (_, parameters) in MoveBase(plain).servers.items():
         for parameter in parameters:
             name = parameter.name
@@ -211,15 +168,11 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name):
             different = {stage for stage in of_files if of_files[stage] != of_request[stage]}
             if different:
                 readers[server, name] = readers_of(different, server)
-            of_start = unchanged.get(name, unchanged[""])
-            is_shown = of_files != of_start
-            assert is_shown or name in NOT_SHOWN[server], f"{server}/{name} changes nothing"
             if is_declared_once(parameter, server, planner):
                 declared[server, name] = set(parameter.once)
-    assert declared == CPP[planner]
     for unseen in UNSEEN & set(declared):
         assert readers.setdefault(unseen, declared[unseen]) == declared[unseen]
-    assert readers == declared
+    assert readers == declared != {}
 
 
 def with_value(tree, server, name, value):
