@@ -123,7 +123,8 @@ def _excess(scan: LaserScan, points: np.ndarray) -> np.ndarray:
     turns = np.copysign(1.0, scan.angle_increment) * (np.arctan2(left, ahead) - scan.angle_min)
     beams = np.rint(turns % (2.0 * np.pi) / abs(scan.angle_increment)).astype(int)
     ranges = np.append(scan.distances, np.nan)[beams.clip(max=len(scan.ranges))]
-    return ranges.clip(max=scan.range_max) - np.hypot(ahead, left)
+    excess: np.ndarray = ranges.clip(max=scan.range_max) - np.hypot(ahead, left)
+    return excess
 
 
 def _is_solid(scans: Sequence[LaserScan], points: np.ndarray, reach: float) -> np.ndarray:
