@@ -383,8 +383,10 @@ class Drive:
         arrays: Dict[str, Any] = {}
         for column_name, column in columns.items():
             arrays[column_name] = np.asarray(column, np.float32)
+        names: List[str] = []
         for decision in self.decisions[:1]:
-            arrays["names"] = np.array(list(decision.after))
+            names += decision.after
+        arrays["names"] = np.array(names, dtype=str)
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         return buffer.getvalue()
@@ -397,10 +399,8 @@ class Drive:
             truth = Motion(times, times, arrays["pose"], arrays["twist"])
             thetas = arrays["theta"]
             decision_times = arrays["decided"]
-            # Older paths have neither contacts nor names.
-            contact_times = arrays.get("contacts", np.empty(0))
-            numbers = np.arange(thetas.shape[-1]).astype(str)
-            names = arrays.get("names", numbers).tolist()
+            contact_times = arrays["contacts"]
+            names = arrays["names"].tolist()
         decisions = []
         for decision_time, theta in zip(decision_times.tolist(), thetas.tolist()):
             decision = Decision(

@@ -11,7 +11,7 @@ from typing import Deque, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, Twist
+from applr_ros1.common.angles import Pose, Twist, transform_point
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import moving, stopping
@@ -38,7 +38,6 @@ from applr_ros1.monitor.stopping import (
     SafeScale,
     SeenCells,
 )
-from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.robots import JACKAL
 
 PASS = "pass"
@@ -159,7 +158,6 @@ class CollisionMonitor:
     Args:
         settings: settings of the base; None for the Jackal's.
         more_scans: topics of further lasers. Only the first laser corrects the pose (ScanMatcher).
-        tracker: tracker that already follows the first laser's scans (Lasers).
 
     Attributes:
         fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
@@ -172,12 +170,7 @@ class CollisionMonitor:
         matched_frame: frame of corrected poses for planners.
     """
 
-    def __init__(
-        self,
-        settings: Optional[MonitorSettings] = None,
-        more_scans: Iterable[str] = (),
-        tracker: Optional[MoverTracker] = None,
-    ):
+    def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
         self._body = BodyOutline.of(outline, self.settings.margin)
@@ -191,7 +184,7 @@ class CollisionMonitor:
         corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
         self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self.lasers = Lasers(self.settings, more_scans, tracker)
+        self.lasers = Lasers(self.settings, more_scans)
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
         self.matched_frame = MatchedFrame()
@@ -253,31 +246,32 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
-        suspects = laser.suspects.update(scan)
+        # In the odometry's frame, what stands would seem to move while the wheels slip. In the
+        # matcher's, poses may be off by metres among moving obstacles.
+        laser.tracker.frame = self.matched_frame.correction
+        movers = laser.tracker.update(scan).certain()
+        laser.movers = movers
+        is_partial = len(movers.x) > 0
 
         # The first laser corrects the pose, before any point of the scan is stored.
         correction_before = self.matcher.correction
         if laser is self.lasers.first:
-            is_partial = len(suspects.x) > 0
-            self.matcher.add_scan(without_movers(scan, suspects), is_partial)
+            self.matcher.add_scan(without_movers(scan, movers), is_partial)
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (
                     "the scan shows another place than the previous scan: "
                     "check that one robot publishes it"
                 )
-        scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
-
-        # While the wheels slip, what stands seems to move in the odometry's frame. In that of the
-        # corrected poses only what moves does.
-        movers = laser.movers.update(scan)
-        if not len(suspects.x) and not len(movers.x):
+        if not is_partial:
             self.matched_frame.follow(self.matcher, correction_before)
+        scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
 
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
         self.seen.forget(laser.memory.update(scan))
-        laser.memory.doubt(movers.x, movers.y, movers.radius + ON_MOVER_M)
+        x, y = transform_point(self.matcher.correction, movers.x, movers.y)
+        laser.memory.doubt(x, y, movers.radius + ON_MOVER_M)
         self.seen.update(scan)
         return laser.fault
 
@@ -341,6 +335,7 @@ class CollisionMonitor:
         problem = problem or self._frozen(time - pose_age, pose, twist)
         if problem:
             return Verdict.stop(self.braked(time, v), problem)
+        discs = self._discs(pose, time - pose_age)
         pose = self.matcher.corrected(pose)
         self.motion.take(time - pose_age, pose, v)
         pose_velocity = self.motion.velocity
@@ -349,7 +344,6 @@ class CollisionMonitor:
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
             return Verdict.stop(self.braked(time, v), problem)
 
-        discs = self._discs(pose, time - pose_age)
         verdict = self._judge(pose, self.motions(twist), discs, command, creeps)
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
         # output counts.
@@ -465,7 +459,7 @@ class CollisionMonitor:
         """Return where moving obstacles may be.
 
         Args:
-            pose: corrected pose (x, y, yaw) of the robot.
+            pose: pose (x, y, yaw) of the robot in the odometry's frame.
             stamp: time of this pose [s].
         """
         discs = []
@@ -473,10 +467,10 @@ class CollisionMonitor:
             if laser.stamp is None:
                 continue
             age = stamp - laser.stamp
-            movers = laser.movers.latest
-            if len(movers.x):
+            if len(laser.movers.x):
                 acceleration = self.settings.mover_acceleration
-                discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
+                planes = self._body.planes
+                discs.append(tracked_discs(laser.movers, planes, pose, age, acceleration))
         return np.concatenate(discs) if discs else NO_DISCS
 
     def _judge(

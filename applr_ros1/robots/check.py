@@ -619,7 +619,7 @@ def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
 
 
 def _inflation_remarks(setup: _Setup) -> Iterator[Remark]:
-    """Yield layers of the global costmap that let plans lead through gaps narrower than the robot."""
+    """Yield layers of the global costmap that let plans lead through gaps that are too narrow."""
     costmap, _ = COSTMAPS
     values = setup.full[costmap]
     for layer in layers(costmap, values, INFLATION_LAYER):

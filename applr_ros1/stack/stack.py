@@ -56,14 +56,14 @@ class Stack:
 
     def __init__(self, robot: Robot, move_base: MoveBase, *, monitor: bool, escapes: bool = True):
         self.move_base = move_base
-        self.prediction: Optional[Prediction] = None
-        tracker: Optional[MoverTracker] = None
-        if move_base.parameters["applr"]["movers"]:
-            self.prediction = Prediction(robot)
-            tracker = self.prediction.tracker
         self.monitor: Optional[CollisionMonitor] = None
+        tracker = MoverTracker.of(robot)
         if monitor:
-            self.monitor = CollisionMonitor(MonitorSettings.of(robot), tracker=tracker)
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
+            tracker = self.monitor.lasers.first.tracker
+        self.prediction: Optional[Prediction] = None
+        if move_base.parameters["applr"]["movers"]:
+            self.prediction = Prediction(robot, tracker)
         self.escapes = escapes
         self._matched_frame = robot.frames.matched
         self._command_chain = CommandChain()
@@ -130,9 +130,13 @@ class Stack:
             they are the same.
         """
         planner_pose = pose
-        sensed = self._sensed(scan)
         # As on the robot, this scan is matched for the next cycle.
         correction = self.correction
+        # The monitor takes every scan, also while the planner commands nothing.
+        monitor = self.monitor
+        if monitor is not None and scan is not None:
+            monitor.add_scan(scan)
+        sensed = self._sensed(scan)
         if correction is not None:
             planner_pose = compose(correction, pose)
             sensed = _moved(sensed, correction)
@@ -141,13 +145,8 @@ class Stack:
             # If planning fails, move_base publishes an empty plan.
             plan = self.move_base.global_plan if cycle.new_plan else NO_PLAN
             self._progress = Progress(plan_time=now, distance=across(plan))
-        monitor = self.monitor
         if monitor is None:
             return Step(cycle, None, cycle.command)
-
-        # The monitor takes every scan, also while the planner commands nothing.
-        if scan is not None:
-            monitor.add_scan(scan)
         if cycle.command is None:
             return self._break_silence(monitor, now, pose, twist, cycle)
         self._command_time = now

@@ -81,7 +81,7 @@ class Answer:
         footprint: Corners of the robot.
         weighed: Lines about a moment that somebody asks about.
 
-        commands: Number of recorded commands.
+        commands: Number of recorded commands of the local planner.
         reproduced: Number of those that the replay reproduces.
         is_doubtful: Whether the planner's reasons in the replay are not to be trusted.
         certainty: How far the replay, and drives in simulation, agree with the recorded drive.
@@ -153,7 +153,7 @@ class Answer:
 
     @property
     def share(self) -> float:
-        """Share of the recorded commands that the replay reproduces; 0 without a replay."""
+        """Share of the planner's commands that the replay reproduces; 0 without a replay."""
         return self.reproduced / self.commands if self.commands else 0.0
 
     @property
@@ -307,7 +307,7 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
         goal=goal.pose[:2] if goal is not None else None,
         footprint=footprint.round(3).tolist(),
         weighed=_weighed(diagnosis),
-        commands=replay.commands,
+        commands=len(replay.cycles),
         reproduced=replay.reproduced,
         is_doubtful=replay.is_poor,
         certainty=certainty,

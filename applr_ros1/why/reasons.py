@@ -247,7 +247,10 @@ def unmoved(stretch: Stretch) -> str:
 
 
 def stuck(stretch: Stretch) -> str:
-    """Return that the odometry moves and the scans do not, or ""."""
+    """Return that the odometry moves and the scans do not, or "".
+
+    How far the wheels slip is not asked: scans that stay the same need no matching.
+    """
     motion = stretch.part(stretch.drive.odometry)
     scans = stretch.part(stretch.drive.scans)
     if motion is None or scans is None:

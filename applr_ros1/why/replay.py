@@ -153,25 +153,17 @@ class Replay:
         return sum(cycle.reproduced for cycle in self.cycles)
 
     @property
-    def commands(self) -> int:
-        """Number of all commands of the drive."""
-        return len(self.cycles) + sum(self.left_out.values())
-
-    @property
     def share(self) -> float:
-        """Share of all commands that are reproduced."""
-        return self.reproduced / self.commands
+        """Share of the local planner's commands that are reproduced.
 
-    @property
-    def share_of_cycles(self) -> float:
-        """Share of the local planner's commands that are reproduced."""
+        Stops of move_base itself say nothing about the replay of the local planner.
+        """
         return self.reproduced / len(self.cycles)
 
     @property
     def is_poor(self) -> bool:
         """True if the planner's reasons in this replay are not to be trusted."""
-        # Stops of move_base itself say nothing about the replay of the local planner.
-        return self.share_of_cycles < POOR
+        return self.share < POOR
 
     @property
     def doubt(self) -> str:
@@ -179,14 +171,14 @@ class Replay:
         if not self.is_poor:
             return ""
         return (
-            f"only {self.share_of_cycles:.0%} of the planner's commands are reproduced, so its "
+            f"only {self.share:.0%} of the planner's commands are reproduced, so its "
             "reasons are not to be trusted: its parameters differ, or topics or scans are missing"
         )
 
     def __str__(self) -> str:
         summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
-            f"{self.commands:,} commands reproduced ({self.share:.1%})"
+            f"{len(self.cycles):,} commands reproduced ({self.share:.1%})"
         )
         left_out = []
         for reason, command_count in self.left_out.items():

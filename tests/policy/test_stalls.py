@@ -230,7 +230,8 @@ def test_a_robot_that_stands_within_the_tolerance_of_its_goal_is_not_stuck():
 
     assert last_decision(JACKAL.goal_tolerance - 0.01) == (None, False)
     beyond_tolerance, clears_costmaps = last_decision(JACKAL.goal_tolerance + 0.01)
-    assert beyond_tolerance is not None and clears_costmaps
+    assert beyond_tolerance is not None
+    assert clears_costmaps
 
 
 def test_each_stall_begins_with_backing_out():

@@ -63,7 +63,7 @@ def with_likely_robot(replay: Replay, watch: Watch = iter) -> Replay:
 
 def _better(replay: Replay, other_robot: Robot, note: str, watch: Watch) -> Replay:
     """Return the replay of another robot with a note if it reproduces more than a poor replay."""
-    if replay.share_of_cycles >= ENOUGH:
+    if replay.share >= ENOUGH:
         return replay
     noted_drive = replace(replay.drive, notes=[*replay.drive.notes, note])
     other_recording = replace(replay.recording, robot=other_robot, drive=noted_drive)

@@ -25,7 +25,7 @@ from applr_ros1.common.errors import run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.prediction import Prediction
-from applr_ros1.movers.tracker import warm_up
+from applr_ros1.movers.tracker import MoverTracker, warm_up
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import named_robot
@@ -81,7 +81,7 @@ class MoversNode:
     """
 
     def __init__(self, robot: Robot, prefix: str):
-        self._prediction = Prediction(robot)
+        self._prediction = Prediction(robot, MoverTracker.of(robot))
         self._frame = prefix + robot.frames.odom
         self._scan_topic = robot.topics.scan
         self._clock = RosClock()

@@ -111,7 +111,7 @@ def padded(values: Mapping[str, Any]) -> np.ndarray:
 
 
 def passing_radius(values: Mapping[str, Any]) -> float:
-    """Return the smallest inflation radius [m] that keeps plans out of gaps narrower than the robot.
+    """Return the smallest inflation radius [m] that keeps plans out of gaps that are too narrow.
 
     A smaller one marks no cell as inscribed, so navfn leads the robot's centre through every gap.
     Half a cell more, because the inflation counts whole cells.

@@ -15,8 +15,8 @@ from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.stall_rule import StallRule
 from applr_ros1.robots.robot import MoveBaseSetup
 from tests.support.robots import make_weights
+from training.attempts.loaded import loadable_space
 from training.env.settings import TrialSettings
-from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialRunner
 from training.evaluate.trial import POLICY, Trial
 

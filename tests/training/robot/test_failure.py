@@ -9,7 +9,6 @@ from applr_ros1.drives.drive import (
     ABORTED,
     REACHED,
     TIMED_OUT,
-    Commands,
     Goal,
     Plans,
     Refusals,
@@ -73,10 +72,9 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     both = failed(stopped, verdicts=verdicts, refusals=many_refusals)
     assert both.startswith("the planner rejects")
 
-    # 2 m/s for nine seconds, while the robot drives for six seconds at 0.5 m/s
-    fast_commands = Commands(times, np.tile([2.0, 0.0], (180, 1)))
-    slips = failed(stopped, commands=fast_commands)
-    assert slips == "it moves 3.0 m although 18.0 m are commanded"
+    # The wheels turn three times as far as the robot moves.
+    far_odometry = replace(stopped.odometry, pose=3.0 * stopped.odometry.pose)
+    assert failed(stopped, odometry=far_odometry) == "its wheels slip by 6.0 m over 8.9 m"
 
     # A robot whose odometry arrived was not kept from driving. It begins 25 mm from the origin.
     short_motion = replace(stopped.truth, pose=0.8 * stopped.truth.pose)

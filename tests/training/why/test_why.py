@@ -221,7 +221,7 @@ def test_a_drive_whose_distance_biases_count_per_metre_is_reproduced_with_this_u
 
     # Then: the replay finds out that they count per metre, and says so
     replay = replayed(robot, drive)
-    assert replay.share_of_cycles < 0.9
+    assert replay.share < 0.9
     likely_replay = with_likely_robot(replay)
     assert likely_replay.reproduced == len(likely_replay.cycles)
     note = (
