@@ -317,4 +317,7 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
     for cycle in cycles:
         if cycle.command[0] <= median_speed:
             slow_cycles.append(cycle)
-    return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
+    explained = [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
+    # In a cycle without a choice, the planner shows nothing of what it prefers.
+    with_choice = [entry for entry in explained if entry.words or not entry.is_blocked]
+    return with_choice or explained

@@ -42,7 +42,7 @@ with extra(__name__):
     )
     from training.why.remedies import driven_trials, possible_guesses
     from training.why.replayed import replay_in
-    from training.why.seen_world import seen_grid, write_map
+    from training.why.seen_world import MAP_RESOLUTION_M, seen_grid, write_map
     from training.workers.pool import Pool
     from worlds.map_reader import read_map
 
@@ -111,7 +111,7 @@ def run(options: WhyOptions) -> None:
         return
     first_replay, *other_replays = replays
     if options.map:
-        write_map(seen_grid(first_replay.recording), options.map)
+        write_map(seen_grid(first_replay.recording, MAP_RESOLUTION_M), options.map)
     diagnosis = diagnose(first_replay, options.at, described_in(bag_paths[0]))
     guesses = possible_guesses(diagnosis)
     answer = answer_of(diagnosis, guesses)

@@ -560,13 +560,6 @@ def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, 
     assert len(errors.splitlines()) == 1
 
 
-def test_a_map_needs_a_logbook_to_lie_under(tmp_path, capsys):
-    (tmp_path / "junk.bag").write_bytes(b"junk")
-    status, _, errors = ran(capsys, tmp_path / "junk.bag", "--on", "map.yaml")
-    assert status == 1
-    assert "--on is the map of a logbook: give a folder" in errors
-
-
 def test_stops_are_printed_even_if_no_change_can_be_driven(tmp_path, capsys, monkeypatch):
     def change_for(*_):
         raise ApplrError("a.bag: no course")

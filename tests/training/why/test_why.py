@@ -99,23 +99,6 @@ def test_costmaps_are_cleared_where_a_decision_says_so(tmp_path):
     assert lethal_cells(replay.cycles[-1]) < lethal_cells(silent_replay.cycles[-1])
 
 
-def test_a_bag_gives_the_drive_that_was_written(bag, sound):
-    driven = sound.drive
-    recorded = read_back(bag)
-    # A read drive begins at 0 s. Stamps of ROS have whole nanoseconds.
-    begin_time = driven.odometry.time[0]
-    for column_name in ("odometry", "planned", "scans", "plans"):
-        recorded_times = getattr(recorded, column_name).time
-        driven_times = getattr(driven, column_name).time
-        assert np.allclose(recorded_times, driven_times - begin_time, atol=1e-6)
-    assert np.allclose(recorded.planned.twist, driven.planned.twist)
-    assert np.allclose(recorded.odometry.pose, driven.odometry.pose)
-    assert np.allclose(recorded.odometry.twist, driven.odometry.twist)
-    assert np.allclose(recorded.scans.fan, driven.scans.fan)
-    assert np.array_equal(recorded.scans.ranges[5], driven.scans.ranges[5])
-    assert np.allclose(recorded.plans.path[5], driven.plans.path[5])
-
-
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     robot, driven = spoilt
     # Given: a bag in which a parameter changes after half a second
@@ -199,13 +182,6 @@ def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
     unlimited_bag = write(tmp_path / "alone.bag", replace(one_second, planned=None))
     recorded = read_back(unlimited_bag, robot)
     assert np.array_equal(recorded.planned.twist, one_second.commands.twist)
-
-
-def test_scans_of_another_laser_are_refused(bag):
-    other_laser = JACKAL.laser.model_copy(update={"frame": "other_laser"})
-    problem = f"scans in {JACKAL.laser.frame}, jackal has other_laser: give --scan"
-    with pytest.raises(BagError, match=problem):
-        read_back(bag, replace(JACKAL, laser=other_laser))
 
 
 @pytest.mark.heavy
@@ -444,23 +420,6 @@ def test_where_no_plan_was_found_what_is_seen_from_outside_is_said(
     assert why_no_replay == f"{NO_PLAN}."
 
 
-@pytest.mark.heavy
-def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base(
-    spoilt, folder, capsys
-):
-    _, driven = spoilt
-    has_command = int((driven.planned.time < 2.0).sum())
-    silent = replace(
-        driven,
-        planners=["TebLocalPlannerROS"],
-        planned=None,
-        commands=driven.planned.part(slice(0, has_command)),
-        changes=updates((0.0, "TebLocalPlannerROS", {"max_vel_x": 0.5, "max_vel_theta": 1.5})),
-    )
-    _, output, _ = ran(capsys, write(folder / "teb.bag", silent))
-    assert "because no command came for" in output.splitlines()[0]
-
-
 def box_bag(path, robot, drive, is_known, stop=None):
     """Write the bag of a black box, and return its path.
 
@@ -592,6 +551,7 @@ def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, c
         # The image of the map has this name.
         (["BAG", "--map", "seen.pgm"], "--map seen.pgm: give a file that ends in .yaml"),
         (["BAG", "--robot", "nobody"], "nobody"),
+        (["BAG", "--on", "map.yaml"], "--on is the map of a logbook: give a folder"),
     ],
 )
 def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, problem):
