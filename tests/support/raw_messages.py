@@ -7,8 +7,8 @@ from rosbags.rosbag1 import Reader
 from applr_ros1.why.black_box.bag_file import Publication, RawMessage, write_messages
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.description import text_of, with_stop
+from tests.support.bags import write
 from training.bags.maker import Maker
-from training.bags.write import write
 
 _MAKER = Maker()
 _MAKER.register_own()

@@ -185,17 +185,6 @@ def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
         raise BagError(message) from error
 
 
-def read(
-    path: os.PathLike[str] | str,
-    robot: Robot = JACKAL,
-    topics: TopicNames = TopicNames(),
-    columns: Optional[Collection[str]] = None,
-) -> Drive:
-    """Read the drive in a bag, as OpenBag.drive does."""
-    with opened(path) as bag:
-        return bag.drive(robot, topics, columns)
-
-
 # -- files -----------------------------------------------------------------------------------------
 def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     """Return the bags among files and folders, those of a folder sorted.

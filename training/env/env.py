@@ -25,7 +25,7 @@ from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive, cycles_in
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.encoding import Encoding
-from applr_ros1.policy.pilot import STALL, Pilot
+from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots.geometry import radius
 from training.common.options import checked
 from training.env import privileged
@@ -44,10 +44,7 @@ class ApplrEnv(gymnasium.Env):
         worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
             a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
-        end_on_stall: Whether a stall (policy/stuck.py) terminates the episode as a failure. It
-            does not with stall_rule, which ends nearly every stall.
-        stall_rule: Whether the stall rule replaces actions, as in the applr node. The action that
-            was in force is info["action"].
+        end_on_stall: Whether a stall (policy/stuck.py) terminates the episode as a failure.
         critics_know_more: Whether the observation ends with inputs for the critics alone
             (privileged.py).
         settings: Fields of TrialSettings (settings.py): robot, simulator, planner, randomisation,
@@ -63,7 +60,6 @@ class ApplrEnv(gymnasium.Env):
         *,
         end_on_collision: bool = False,
         end_on_stall: bool = False,
-        stall_rule: bool = False,
         critics_know_more: bool = False,
         **settings: Any,
     ):
@@ -81,21 +77,16 @@ class ApplrEnv(gymnasium.Env):
         )
         self.rules = Rules(
             end_on_contact=end_on_collision,
-            # With random actions in the worlds of the recipe jackal, 6 of 40 episodes stall. All of
-            # these arrive if the rule goes on.
-            end_on_stall=end_on_stall and not stall_rule,
+            end_on_stall=end_on_stall,
             limit=self.settings.time_limit,
         )
         # Drive of the present episode, and the inputs of its next decision
         self.course_drive: Optional[CourseDrive] = None
         self._context: Optional[Context] = None
         encoding = self.settings.encoding()
-        if stall_rule and not encoding.redraws_stalled:
-            problem = f"stall_rule does not act on policies with the observation {encoding.name}"
-            raise ApplrError(f"{problem}: give observation dimensionless, or leave it out")
         self.encoding = encoding
         self.space = encoding.space
-        self._method = ActionMethod(encoding, redraws_stalled=stall_rule)
+        self._method = ActionMethod(encoding)
         self.pilot = Pilot(self._method, robot, self.settings.period)
         self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
@@ -143,8 +134,7 @@ class ApplrEnv(gymnasium.Env):
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
         """Drive one decision period.
 
-        Arrival or failure terminates the episode, the time limit truncates it. The entry "action"
-        of the last result is the action that was in force.
+        Arrival or failure terminates the episode, the time limit truncates it.
         """
         course_drive = self.course_drive
         context = self._context
@@ -162,9 +152,6 @@ class ApplrEnv(gymnasium.Env):
         truncated = outcome.over and not terminated
         info = self._info(outcome)
         info["reward"] = reward_terms
-        info["action"] = action
-        if choice.why == STALL:
-            info["action"] = self.encoding.action(outcome.theta).astype(np.float32)
         return self._observation(course_drive), float(reward), terminated, truncated, info
 
     def _observation(self, course_drive: CourseDrive) -> np.ndarray:
@@ -194,17 +181,17 @@ class ActionMethod(Method):
 
     Args:
         encoding: Encoding of observations and actions.
-        redraws_stalled: Whether the stall rule may replace the action.
 
     Attributes:
         action: Action (actions,) of the next decision.
     """
 
-    def __init__(self, encoding: Encoding, redraws_stalled: bool):
+    redraws_stalled = False
+
+    def __init__(self, encoding: Encoding):
         self.encoding = encoding
         self.space = encoding.space
         self.layout = encoding.layout
-        self.redraws_stalled = redraws_stalled
         self.action = np.zeros(encoding.actions, np.float32)
 
     @override

@@ -18,6 +18,7 @@ from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.why import alternatives, factors
 from applr_ros1.why.answer import Answer
 from applr_ros1.why.events import Event
+from tests.support.bags import write
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import until
 from tests.support.pages import data_of
@@ -25,7 +26,6 @@ from tests.support.replays import spoilt_drive, updates
 from training.attempts import trials as whole_drives
 from training.attempts.candidates import Candidate
 from training.attempts.trials import Arrival, DrivenCourse, try_out
-from training.bags.write import write
 from training.why import __main__ as why
 from training.why import common_change, logbook, logbook_page
 from training.why.bag_answer import placed_frame

@@ -33,10 +33,11 @@ from applr_ros1.why.fitting import plans_of
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
+from tests.support.bags import read, write
 from tests.support.drives import simulated, until
 from training.bags.maker import Maker
-from training.bags.read import BagError, read
-from training.bags.write import BagWriter, write
+from training.bags.read import BagError
+from training.bags.write import BagWriter
 from training.why import recorded
 from training.why.recorded import (
     BagAnswerOptions,

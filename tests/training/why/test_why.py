@@ -24,6 +24,7 @@ from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
 from applr_ros1.why.outside import NO_PLAN, NO_SCAN, OTHER_PLANNER, SIDEWAYS
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
+from tests.support.bags import write
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
 from tests.support.measured_drives import DRIVES, STANDS, drive_of
@@ -39,7 +40,6 @@ from tests.support.replays import (
 )
 from training.attempts.candidates import CandidateList
 from training.bags.read import CUT_SHORT, BagError, bags_in
-from training.bags.write import write
 from training.why import __main__ as why
 from training.why import remedies
 from training.why.bag_answer import answer_to
