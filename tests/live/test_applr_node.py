@@ -154,14 +154,6 @@ def decides_again(robot, as_set_in=None, since=None):
     wait_for(has_decided, "decisions")
 
 
-def another_client_sets(robot, client, max_vel_x):
-    """Set theta_0 with another speed, as rqt_reconfigure would, and wait until it is in force."""
-    # The node's own start must not come later.
-    wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
-    theta = SPACE.from_dict({"max_vel_x": max_vel_x})
-    wait_for(lambda: not client.apply(SPACE.settings(theta)), "a value set by another client")
-
-
 def two_periods(robot):
     """Wait for two more periods of the node, which sends a heartbeat in each."""
     earlier_beats = len(robot.beats)
@@ -261,72 +253,6 @@ def test_another_local_planner_is_named_in_one_line(robot, stack):
     warning = f"{PLANNER} has no parameter vtheta_samples"
     node.until(warning)
     assert node.text.count(warning) == 1
-
-
-@pytest.mark.fault("1")
-def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stack):
-    # The first layer's outputs are infinite, and the second subtracts them: not a number.
-    weights = make_weights(hidden=(4,))
-    weights["0.weight"][:] = 1e38
-    weights["1.weight"][:] = np.array([1, -1, 1, -1])
-    node, client = stack(weights=weights, period=0.6)
-    reports(robot, "idle: no goal")
-    another_client_sets(robot, client, 0.7)
-    starts_deciding(robot)
-    assert robot.decisions[1]["theta_prev"]["max_vel_x"] == 0.7
-    assert "not finite" in robot.decisions[0]["refused"]
-    is_in_force(client, THETA_0)
-    wait_for(lambda: robot.count("refused") >= 3, "diagnostics")
-    assert robot.values["level"] == 2
-    assert "not finite" in node.text
-
-
-@pytest.mark.fault("9")
-def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
-    cut_file = tmp_path / "bad.safetensors"
-    save(cut_file, make_weights())
-    # As a copy over a bad connection leaves it.
-    cut_file.write_bytes(cut_file.read_bytes()[:1000])
-    node, client = stack(policy=str(cut_file))
-    starts_deciding(robot)
-    assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
-    is_in_force(client, THETA_0)
-    (error,) = lines_with(node.text, "ERROR")
-    assert str(cut_file) in error
-    assert "default parameters" in error
-    wait_for(
-        lambda: robot.values.get("level") == 2 and str(cut_file) in robot.values["message"],
-        "diagnostics",
-    )
-
-
-@pytest.mark.fault("11")
-def test_fault_11_invalid_scans(robot, stack):
-    node, client = stack()
-    good_ranges = robot.ranges
-    robot.goal = "one"
-    # Free space all around, and NaN for every second beam, as some lasers report no return
-    free_ranges = np.full(720, np.inf, np.float32)
-    half_nan = np.where(np.arange(720) % 2, good_ranges, np.nan).astype(np.float32)
-    for usable_ranges in (free_ranges, half_nan):
-        robot.ranges = usable_ranges
-        decides_again(robot)
-        assert np.all(np.isfinite(observed(robot.messages[-1])))
-
-    blind_ranges = np.full(720, np.nan, np.float32)
-    for unusable_ranges, warning in (
-        (blind_ranges, "is all NaN"),
-        (good_ranges[:360], "360 beams"),
-        (good_ranges[:0], "has 0 beams"),
-    ):
-        robot.ranges = unusable_ranges
-        node.until(warning)
-    is_in_force(client, THETA_0)
-    wait_for(lambda: robot.count("unusable") >= 1, "diagnostics")
-
-    robot.ranges = good_ranges
-    decides_again(robot, client)
-    assert "Traceback" not in node.text
 
 
 # -- run-time services, speed limit and diagnostics ------------------------------------------------

@@ -18,14 +18,11 @@ from typing_extensions import override
 
 import sim_bridge
 import worlds as worlds_package
-from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive, cycles_in
-from applr_ros1.policy.decision import Context, Method
-from applr_ros1.policy.encoding import Encoding
-from applr_ros1.policy.pilot import Pilot
+from applr_ros1.policy.decision import Context
 from applr_ros1.robots.geometry import radius
 from training.common.options import checked
 from training.env import privileged
@@ -66,11 +63,12 @@ class ApplrEnv(gymnasium.Env):
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
             raise ApplrError("period is missing: give the decision period in seconds")
+        self.period = self.settings.period
         robot = self.settings.robot
         self.worlds: Sequence[World] = list(worlds) if not isinstance(worlds, str) else ()
         if isinstance(worlds, str):
             self.worlds = worlds_package.Worlds(worlds, radius(robot))
-        cycles_in(self.settings.period)  # refused now, not at the first reset
+        cycles_in(self.period)  # refused now, not at the first reset
         self.simulated = self.settings.simulated(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
             robot.seeing(self.settings.obstacle_range),
@@ -80,14 +78,10 @@ class ApplrEnv(gymnasium.Env):
             end_on_stall=end_on_stall,
             limit=self.settings.time_limit,
         )
-        # Drive of the present episode, and the inputs of its next decision
-        self.course_drive: Optional[CourseDrive] = None
-        self._context: Optional[Context] = None
+        self.course_drive: Optional[CourseDrive] = None  # drive of the present episode
         encoding = self.settings.encoding()
         self.encoding = encoding
         self.space = encoding.space
-        self._method = ActionMethod(encoding)
-        self.pilot = Pilot(self._method, robot, self.settings.period)
         self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
             self.layout = _with_hidden_inputs(self.layout)
@@ -115,7 +109,7 @@ class ApplrEnv(gymnasium.Env):
         rules = dataclasses.replace(self.rules, end_on_contact=ends_on_contact)
         course_drive = self.begin(world, episode_seed, rules)
         self.course_drive = course_drive
-        self.pilot.begin(episode_seed)
+        self.encoding.forget_decision()
         return self._observation(course_drive), self._info(course_drive.outcome)
 
     def begin(self, world: World, seed: int, rules: Rules, *, record: bool = False) -> CourseDrive:
@@ -125,8 +119,8 @@ class ApplrEnv(gymnasium.Env):
             world,
             seed,
             rules,
-            period=self.pilot.period,
-            theta=self.pilot.defaults().theta,
+            period=self.period,
+            theta=self.space.clip(self.space.theta0),
             record=record,
         )
 
@@ -137,12 +131,9 @@ class ApplrEnv(gymnasium.Env):
         Arrival or failure terminates the episode, the time limit truncates it.
         """
         course_drive = self.course_drive
-        context = self._context
-        if course_drive is None or context is None:
+        if course_drive is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        self._method.action = action
-        choice = self.pilot.decide(context)
-        course_drive.decide(choice.theta, choice.clears_costmaps)
+        course_drive.decide(self.space.clip(self.encoding.theta(action)))
         course_drive.advance()
         outcome = course_drive.outcome
         reward, reward_terms = self.settings.reward(
@@ -155,12 +146,12 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(course_drive), float(reward), terminated, truncated, info
 
     def _observation(self, course_drive: CourseDrive) -> np.ndarray:
-        context = self.pilot.observe(course_drive.theta, course_drive.seen)
-        self._context = context
-        policy_inputs = self.encoding.observe(context)
+        encoding = self.encoding
+        context = Context.of(course_drive.theta, course_drive.seen, self.space, encoding.layout)
+        policy_inputs = encoding.observe(context)
         if not self.layout.hidden:
             return policy_inputs
-        hidden_inputs = privileged.privileged(course_drive, self.encoding.scale)
+        hidden_inputs = privileged.privileged(course_drive, encoding.scale)
         return np.append(policy_inputs, hidden_inputs)
 
     @override
@@ -174,33 +165,6 @@ class ApplrEnv(gymnasium.Env):
         if math.isnan(outcome.contact_speed):
             del info["contact_speed"]
         return info
-
-
-class ActionMethod(Method):
-    """Method of the environment: the parameters of a given action.
-
-    Args:
-        encoding: Encoding of observations and actions.
-
-    Attributes:
-        action: Action (actions,) of the next decision.
-    """
-
-    redraws_stalled = False
-
-    def __init__(self, encoding: Encoding):
-        self.encoding = encoding
-        self.space = encoding.space
-        self.layout = encoding.layout
-        self.action = np.zeros(encoding.actions, np.float32)
-
-    @override
-    def reset(self, seed: int) -> None:
-        self.encoding.forget_decision()
-
-    @override
-    def theta(self, context: Optional[Context]) -> Array:
-        return self.encoding.theta(self.action)
 
 
 def _with_hidden_inputs(layout: TransitionLayout) -> TransitionLayout:

@@ -344,6 +344,7 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refus
     [
         (["--trials", "0"], ["--trials is '0'", "at least 1"]),
         (["--simulator", "gazebo"], ["pybullet"]),
+        (["--planner", "drawn"], ["ours"]),
         (["--worlds", "generated:1,generated:1"], ["two worlds"]),
         (["--methods", "dwa,dwa"], ["two methods"]),
         (["--methods", "no_such_module:Mine"], ["no_such_module"]),
