@@ -212,28 +212,14 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
         assert late_server.search(warning), warning
 
     # The course is over. The next course starts with theta_0.
-    wait_for(lambda: as_set(robot, client), "the last decision in force")
-    set_in_force = len(robot.decisions) - 1
     robot.goal = None
     is_in_force(client, THETA_0)
     wait_for(lambda: robot.ends, "the observation at the end of the course")
     (course_end,) = robot.ends
 
-    def is_of_the_latest_decisions():
-        """Return whether each value in force at the end was decided since `set_in_force`.
-
-        On a busy machine the goal ends some decisions later, and servers may lag behind them.
-        """
-        for parameter_name, value in decided(course_end)["theta_prev"].items():
-            decided_values = []
-            for decision in robot.decisions[set_in_force:]:
-                decided_values.append(decision["theta"][parameter_name])
-            if value not in decided_values:
-                return False
-        return True
-
-    assert list(decided(course_end)["theta_prev"]) == list(SPACE.names)
-    wait_for(is_of_the_latest_decisions, "the set in force at the end")
+    values_at_the_end = decided(course_end)["theta_prev"]
+    assert list(values_at_the_end) == list(SPACE.names)
+    assert values_at_the_end != SPACE.as_dict(THETA_0)
     assert (course_end.goal, decided(course_end)["theta"]) == ("one", {})
     assert observed(course_end)[:721] == pytest.approx(expected_observation[:721], abs=1e-6)
     decision_count = len(robot.decisions)
@@ -386,19 +372,6 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
         return "pdist_scale x 2.5" in robot.values["meter_scoring"]
 
     wait_for(detected, "the factors in diagnostics")
-    rescaling = {"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}
-    factors = np.array([rescaling.get(name, 1.0) for name in SPACE.names])
-
-    def rescaled():
-        """Return whether the servers have the latest decision times the factors."""
-        theta = list(robot.decisions[-1]["theta"].values())
-        return np.allclose(client.values(), factors * theta)
-
-    earlier_decisions = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) > earlier_decisions + 1 and rescaled(), "rescaled sets")
-    wait_for(
-        lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force"
-    )
     wait_for(lambda: not publisher.get_num_connections(), "the end of the subscription")
     assert node.text.count("count per metre") == 1
     robot.goal = None

@@ -89,7 +89,6 @@ def test_each_recipe_consists_of_valid_options(name):
 def test_defaults_and_noise_are_the_documented_ones():
     paper = TrainConfig()
     assert paper.gamma == 0.95
-    assert paper.n_step == 4
     assert paper.critic_lr == 1e-3
     assert ACTOR_LR == 3e-4
     assert TAU == 0.005
@@ -218,6 +217,6 @@ def test_a_resumed_run_keeps_the_problem_whose_rewards_it_has_stored(option, tmp
 
 def test_a_resumed_run_has_its_stored_options(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path), "recipe": "paper"}))
-    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4
+    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).along_y is False
     with pytest.raises(ApplrError, match="recipe: the run in .* has another value"):
         parse(["--resume", "--recipe", "jackal", "--out", str(tmp_path)])
