@@ -1,32 +1,22 @@
-"""Escape motions of the collision monitor for a move_base that makes none, such as the C++ one.
-
-One test uses this package's move_base without ~held_back, which makes no escape motions. The others
-use a fake one.
-"""
+"""Escape motions of the collision monitor for a move_base that makes none, such as the C++ one."""
 
 import time
 from typing import NamedTuple
 
-import actionlib
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
-from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Path
 from std_msgs.msg import String
 
 from applr_ros1.nodes.conversions import pose_stamped, twist
-from tests.support.nodes import FakeJackal, finish, goal
-from tests.support.robots import dwa_parameters
-from tests.support.ros import LONGEST, Kept, session, wait_for
+from tests.support.nodes import FakeJackal
+from tests.support.ros import Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
-# A thin post 1 m ahead: (x, y, radius) [m].
-POST = (1.0, 0.0, 0.06)
-ACTIVE = GoalStatus.ACTIVE
 
 
 class MoveBase:
@@ -35,7 +25,6 @@ class MoveBase:
     def __init__(self):
         self.command = (0.0, 0.0)
         self.status = None
-        self.goal = "a"
         self._commands = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
         self._statuses = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
         self._plans = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
@@ -50,7 +39,7 @@ class MoveBase:
         if self.status is not None:
             # As actionlib does, it lists an ended goal for a while.
             ended_goal = GoalStatus(GoalID(id="earlier"), GoalStatus.SUCCEEDED, "")
-            current_goal = GoalStatus(GoalID(id=self.goal), self.status, "")
+            current_goal = GoalStatus(GoalID(id="a"), self.status, "")
             self._statuses.publish(GoalStatusArray(status_list=[ended_goal, current_goal]))
         poses = [pose_stamped((x, 0.0, 0.0), "odom", rospy.Time(0)) for x in (0.0, 5.0)]
         self._plans.publish(Path(poses=poses))
@@ -87,41 +76,6 @@ class Watched:
         self.node.end()
 
 
-@pytest.mark.fault("17c")
-def test_a_robot_too_close_to_a_post_for_its_planner_escapes():
-    """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor
-    stops the robot.
-    """
-    ros = session()
-    jackal = FakeJackal([POST])
-    watched = Watched()
-    teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
-    watched.node.until(lambda: teleop.get_num_connections())
-
-    def is_at_the_post():
-        teleop.publish(twist(0.3, 0.0))
-        time.sleep(0.05)
-        return jackal.robot.pose[0] > 0.65
-
-    # A person drives the robot to where the monitor stops it.
-    wait_for(is_at_the_post, "the post")
-    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
-    teleop.unregister()
-    # move_base neither recovers nor gives up, so that only the monitor can free the robot.
-    parameters = dwa_parameters(recovery_behavior_enabled=False, controller_patience=60.0)
-    rospy.set_param("/move_base", parameters)
-    remappings = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
-    move_base = ros.node("move_base", "odom:=odometry/filtered", *remappings)
-    move_base.until("ready")
-    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-    assert client.wait_for_server(rospy.Duration(LONGEST))
-    client.send_goal(goal(2.0))
-    assert finish(client).text == "Goal reached.", (move_base.text, watched.actions)
-    move_base.end()
-    jackal.close()
-    watched.end()
-
-
 class Stack(NamedTuple):
     """A Jackal, a fake move_base, and the monitor between them."""
 
@@ -130,36 +84,24 @@ class Stack(NamedTuple):
     watched: Watched
 
 
-@pytest.fixture(scope="module")
-def whole():
-    """Return the stack for all tests of this file."""
+@pytest.fixture
+def stack():
+    """Provide a robot at rest without a goal, after half a metre of driving, so that the space
+    behind it is known.
+    """
     session()
     jackal = FakeJackal()
     planner = MoveBase()
     watched = Watched()
     watched.node.until(planner.ready)
+    planner.command = (0.3, 0.0)
+    wait_for(lambda: jackal.robot.pose[0] > 0.5, "half a metre")
+    planner.command = (0.0, 0.0)
+    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
     yield Stack(jackal, planner, watched)
     planner.end()
     jackal.close()
     watched.end()
-
-
-@pytest.fixture
-def stack(whole):
-    """Provide a robot at rest without a goal, after half a metre of driving, so that the space
-    behind it is known.
-    """
-    jackal, planner, watched = whole
-    planner.status = None
-    planner.goal = str(time.time())
-    planner.command = (0.3, 0.0)
-    start_x = jackal.robot.pose[0]
-    wait_for(lambda: jackal.robot.pose[0] > start_x + 0.5, "half a metre")
-    planner.command = (0.0, 0.0)
-    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
-    watched.actions.clear()
-    watched.statuses.clear()
-    return whole
 
 
 def moved(jackal, since):
@@ -168,10 +110,11 @@ def moved(jackal, since):
     return [command for command in later_commands if command.velocity != (0.0, 0.0)]
 
 
+@pytest.mark.fault("17c")
 def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(stack):
     jackal, planner, watched = stack
     began = time.time()
-    planner.status = ACTIVE
+    planner.status = GoalStatus.ACTIVE
     wait_for(lambda: moved(jackal, began), "a motion")
     # A planner that stands for 2 s is stuck. The motions are small and slow.
     first_motion = moved(jackal, began)[0]
