@@ -251,13 +251,6 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
         assert table.result(second_task) == stored_result
 
 
-def test_more_trials_only_append(tmp_path, run):
-    assert run(command(tmp_path, "--trials", 2)) == 0
-    two_trials = (tmp_path / "trials.csv").read_bytes()
-    assert run(command(tmp_path)) == 0
-    assert (tmp_path / "trials.csv").read_bytes().startswith(two_trials)
-
-
 def test_the_result_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("TOY_SECONDS", "0")
     monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)

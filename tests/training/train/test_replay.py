@@ -110,6 +110,7 @@ def test_a_batch_has_the_transitions_of_its_rows():
         step = int(np.argmin(differences.sum(1)))
         np.testing.assert_allclose(batch.observation[row], observations[step], atol=1e-6)
         np.testing.assert_allclose(batch.next_observation[row], observations[step + 1], atol=1e-6)
+        assert float(batch.reward[row]) == trajectory.reward[step]
         discount = 0.9
         if step == 4:  # The episode ends with its fifth transition.
             discount = 0.0
