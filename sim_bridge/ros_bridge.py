@@ -157,7 +157,7 @@ class Bridge:
                 if ticks % ticks_per_state == 0:
                     self.topics.publish_state(state, stamp, self.touched)
                     self.touched = False
-                if ticks % ticks_per_scan == 0:
+                if ticks % ticks_per_scan == 0 and not self.simulator.loses_scan():
                     self.topics.publish_scan(self.simulator.scan(), stamp)
                 if ticks % ticks_per_movers == 0:
                     self.topics.publish_movers(self.simulator, stamp)

@@ -20,6 +20,7 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.robots import Robot, load
 from worlds import World
 
+from .laser_errors import LaserErrors
 from .lidar import Lidar
 from .mechanics import STEP
 from .odometry import Odometry
@@ -56,7 +57,7 @@ class Randomisation:
 
     start_xy: float = 0.0  # maximum shift of the start along x and y [m]
     start_yaw: float = 0.0  # maximum rotation of the start [rad]
-    scan_noise: Span = 1.0  # scale factor for laser noise
+    scan_noise: Span = 1.0  # scale factor for laser noise, unless the robot names its sensor
     latency: Span = 0.0  # delay from command() to the wheels [s]
     friction: Span = 1.0  # scale factor for wheel friction
     slip: Span = 1.0  # scale factor for random slip and drift
@@ -154,6 +155,10 @@ class Simulator(ABC):
         self._odometry = Odometry(self.robot.odometry, yaw, odometry_rng, self.drawn.odometry)
         self._noise = np.random.default_rng([errors_seed, 1])
         self._angle_seed = [errors_seed, 2]
+        self._laser_errors: Optional[LaserErrors] = None
+        if self.robot.laser.has_errors:
+            laser_rng = np.random.default_rng([errors_seed, 3])
+            self._laser_errors = LaserErrors(self.robot.laser, pose, laser_rng)
 
         self._surface = self._drawn_surface()
         self._command = _Command()
@@ -187,7 +192,14 @@ class Simulator(ABC):
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps > 0:
             self._drive(steps)
+        if self._laser_errors is not None:
+            self._laser_errors.remember(self.state.time, self.state.pose)
         return self.state
+
+    def loses_scan(self) -> bool:
+        """Return whether the scan that is due now is missing. The first one never is."""
+        errors = self._laser_errors
+        return errors is not None and self.state.time > 0.0 and errors.loses_scan()
 
     def scan(self) -> Array32:
         """Return the laser ranges (beams,) float32 [m] now, with new noise at each call.
@@ -195,12 +207,20 @@ class Simulator(ABC):
         As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
         laser = self.robot.laser
-        x, y, yaw = laser.pose_for(self.state.pose)
-        circles = self.world.mover_circles(self.state.time)
-        ranges: Array32 = self._lidar.scan(x, y, yaw, circles)
+        errors = self._laser_errors
+        time = self.state.time
+        pose = self.state.pose
+        if errors is not None:
+            time, pose = errors.measured
+        laser_pose = laser.pose_for(pose)
+        ranges: Array32 = self._lidar.scan(*laser_pose, self.world.mover_circles(time))
+        if errors is not None:
+            errors.add(ranges, laser_pose)
+        # The factor stands for what is unknown of a laser. The errors of a named one are known.
+        factor = 1.0 if laser.sensor else self.drawn.scan_noise
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         # In place, because a scan is drawn in every control cycle of a training.
-        noise *= np.float32(laser.noise * self.drawn.scan_noise)
+        noise *= np.float32(laser.noise * factor)
         return np.add(ranges, noise, out=ranges)
 
     def laser_scan(self) -> LaserScan:
@@ -239,6 +259,8 @@ class Simulator(ABC):
         self.state = replace(
             self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False
         )
+        if self._laser_errors is not None:
+            self._laser_errors.place(self.state.time, self.state.pose)
         odom_x, odom_y, _ = self.state.odom_pose
         self.set_odometry((odom_x, odom_y, yaw))
         self.odom_origin = (x - odom_x, y - odom_y)

@@ -1,0 +1,89 @@
+"""Errors of a laser's scans besides white noise, as robot.yaml describes them (section laser)."""
+
+from __future__ import annotations
+
+from typing import List, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array32
+from applr_ros1.common.times import TIME_TOLERANCE_S
+from applr_ros1.robots.robot import Laser
+
+EDGE_M = 0.3  # difference of neighbouring ranges from which on a near surface has its edge there [m]
+PATCH_M = 0.2  # width of a patch of the world that is dark or glossy [m]
+# Tangent of the angle at which the error of incidence has fallen to a third
+INCIDENCE_TANGENT = 0.18
+PATCHES = 128  # number of patches along x and y after which the pattern repeats
+
+
+class LaserErrors:
+    """Draws the errors of one laser's scans, and remembers where late scans were measured.
+
+    Args:
+        laser: Description of the laser with its errors.
+        pose: Pose of the base [m, m, rad] at time 0.
+        rng: Random numbers of the errors.
+    """
+
+    def __init__(self, laser: Laser, pose: Pose, rng: np.random.Generator) -> None:
+        self._laser = laser
+        self._rng = rng
+        # Surfaces in a dark patch lose ranges in every scan: an obstacle flickers as a whole.
+        self._dark = rng.random((PATCHES, PATCHES)) < laser.dark
+        self._past: List[Tuple[float, Pose]] = []
+        self.place(0.0, pose)
+
+    @property
+    def measured(self) -> Tuple[float, Pose]:
+        """Time [s] and pose of the base at which a scan was measured that is stamped now."""
+        return self._past[0]
+
+    def place(self, time: float, pose: Pose) -> None:
+        """Forget where the base was before `time` [s]."""
+        self._past = [(time, pose)]
+
+    def remember(self, time: float, pose: Pose) -> None:
+        """Add the pose of the base at `time` [s]."""
+        self._past.append((time, pose))
+        measured_until = time - self._laser.stamp_delay + TIME_TOLERANCE_S
+        while len(self._past) > 1 and self._past[1][0] <= measured_until:
+            del self._past[0]
+
+    def loses_scan(self) -> bool:
+        """Return whether the next scan is missing."""
+        return self._rng.random() < self._laser.gaps
+
+    def add(self, ranges: Array32, pose: Pose) -> None:
+        """Add the errors to exact `ranges` (beams,) [m] of a laser at `pose` [m, m, rad]."""
+        laser = self._laser
+        rng = self._rng
+        has_return = np.isfinite(ranges)
+        exact = np.where(has_return, ranges, laser.range_max).astype(np.float64)
+        measured = exact.copy()
+        steps = np.diff(exact)
+
+        # The neighbour on the same surface, which is the nearer one, gives the incidence.
+        step_sizes = np.abs(steps)
+        slopes = np.minimum(np.append(step_sizes, np.inf), np.insert(step_sizes, 0, np.inf))
+        slopes /= exact * laser.increment  # tangents of the angles of incidence
+        measured += laser.incidence_error * np.exp(-np.square(slopes / INCIDENCE_TANGENT))
+        measured += laser.range_noise * exact * rng.standard_normal(len(exact))
+
+        # At an edge, the spot of a beam covers both surfaces. Its range lies between theirs.
+        edges = np.flatnonzero((step_sizes > EDGE_M) & has_return[1:] & has_return[:-1])
+        mixed_edges = edges[rng.random(len(edges)) < laser.mixed]
+        behind = mixed_edges + (steps[mixed_edges] > 0.0)
+        shares = rng.random(len(behind))
+        measured[behind] = exact[behind] - shares * step_sizes[mixed_edges]
+
+        # Dark and glossy surfaces
+        x, y, yaw = pose
+        angles = yaw + laser.first_angle + laser.increment * np.arange(len(exact))
+        columns = np.floor((x + exact * np.cos(angles)) / PATCH_M).astype(int) % PATCHES
+        rows = np.floor((y + exact * np.sin(angles)) / PATCH_M).astype(int) % PATCHES
+        is_lost = self._dark[rows, columns] & (rng.random(len(exact)) < laser.dropouts)
+
+        ranges[has_return] = measured[has_return]
+        ranges[has_return & is_lost] = np.inf
