@@ -11,7 +11,9 @@ from applr_ros1.common.arrays import Array32
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.robots.robot import Laser
 
-EDGE_M = 0.3  # difference of neighbouring ranges from which on a near surface has its edge there [m]
+EDGE_M = (
+    0.3  # difference of neighbouring ranges from which on a near surface has its edge there [m]
+)
 PATCH_M = 0.2  # width of a patch of the world that is dark or glossy [m]
 # Tangent of the angle at which the error of incidence has fallen to a third
 INCIDENCE_TANGENT = 0.18
@@ -25,6 +27,9 @@ class LaserErrors:
         laser: Description of the laser with its errors.
         pose: Pose of the base [m, m, rad] at time 0.
         rng: Random numbers of the errors.
+
+    Attributes:
+        past: Times [s] and poses of the base. A scan that is stamped now was measured at the first.
     """
 
     def __init__(self, laser: Laser, pose: Pose, rng: np.random.Generator) -> None:
@@ -32,24 +37,14 @@ class LaserErrors:
         self._rng = rng
         # Surfaces in a dark patch lose ranges in every scan: an obstacle flickers as a whole.
         self._dark = rng.random((PATCHES, PATCHES)) < laser.dark
-        self._past: List[Tuple[float, Pose]] = []
-        self.place(0.0, pose)
-
-    @property
-    def measured(self) -> Tuple[float, Pose]:
-        """Time [s] and pose of the base at which a scan was measured that is stamped now."""
-        return self._past[0]
-
-    def place(self, time: float, pose: Pose) -> None:
-        """Forget where the base was before `time` [s]."""
-        self._past = [(time, pose)]
+        self.past: List[Tuple[float, Pose]] = [(0.0, pose)]
 
     def remember(self, time: float, pose: Pose) -> None:
-        """Add the pose of the base at `time` [s]."""
-        self._past.append((time, pose))
+        """Add the pose of the base at `time` [s] to the past, and forget what is too old."""
+        self.past.append((time, pose))
         measured_until = time - self._laser.stamp_delay + TIME_TOLERANCE_S
-        while len(self._past) > 1 and self._past[1][0] <= measured_until:
-            del self._past[0]
+        while len(self.past) > 1 and self.past[1][0] <= measured_until:
+            del self.past[0]
 
     def loses_scan(self) -> bool:
         """Return whether the next scan is missing."""
@@ -81,9 +76,9 @@ class LaserErrors:
         # Dark and glossy surfaces
         x, y, yaw = pose
         angles = yaw + laser.first_angle + laser.increment * np.arange(len(exact))
-        columns = np.floor((x + exact * np.cos(angles)) / PATCH_M).astype(int) % PATCHES
-        rows = np.floor((y + exact * np.sin(angles)) / PATCH_M).astype(int) % PATCHES
-        is_lost = self._dark[rows, columns] & (rng.random(len(exact)) < laser.dropouts)
+        columns = np.floor((x + exact * np.cos(angles)) / PATCH_M).astype(int)
+        rows = np.floor((y + exact * np.sin(angles)) / PATCH_M).astype(int)
+        is_dark = self._dark[rows % PATCHES, columns % PATCHES]
+        measured[is_dark & (rng.random(len(exact)) < laser.dropouts)] = np.inf
 
         ranges[has_return] = measured[has_return]
-        ranges[has_return & is_lost] = np.inf

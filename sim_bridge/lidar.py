@@ -150,28 +150,43 @@ def _bearing(y: float, x: float) -> float:
 
 @kernel
 def _cut_circle(
-    x: float, y: float, radius: float, square: float, rays: LaserBeams, nearest: Array
+    circle: Array,
+    laser_x: float,
+    laser_y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    rays: LaserBeams,
+    nearest: Array,
 ) -> bool:
-    """Shorten the ranges `nearest` (beams,) of beams that hit a circle.
+    """Shorten the ranges of beams that hit a circle.
 
     Args:
-        x: x of the centre in the laser frame [m].
-        y: y of the centre [m].
-        radius: Radius of the circle [m].
-        square: x^2 + y^2 [m^2].
+        circle: x, y, radius of the circle [m].
+        laser_x: Place of the laser [m].
+        laser_y: Place of the laser [m].
+        cos_yaw: Cosine of the laser's heading.
+        sin_yaw: Sine of the laser's heading.
         rays: Beams of the laser.
-        nearest: Ranges so far [m].
+        nearest: Ranges so far (beams,) [m].
 
     Returns:
         True if the laser is inside the circle.
     """
     fan = rays.fan
+    offset_x = circle[0] - laser_x
+    offset_y = circle[1] - laser_y
+    radius = circle[2]
+    square = offset_x * offset_x + offset_y * offset_y
     if square <= radius * radius:
         return True
     distance = sqrt(square)
     gap = distance - radius
     if gap > fan.range_max:
         return False
+
+    # Centre in the laser frame
+    x = cos_yaw * offset_x + sin_yaw * offset_y
+    y = cos_yaw * offset_y - sin_yaw * offset_x
 
     # Beams within the angle that the circle covers, from an upper bound of arcsin(radius /
     # distance): its series is ratio (1 + ratio^2 / 6 + ...), where all further terms together are
@@ -286,18 +301,9 @@ def _scan(
         squares[index] = offset_x * offset_x + offset_y * offset_y
     _sort(order, squares)
     for index in order:
-        offset_x = circles[index, 0] - x
-        offset_y = circles[index, 1] - y
-        laser_x = cos_yaw * offset_x + sin_yaw * offset_y
-        laser_y = cos_yaw * offset_y - sin_yaw * offset_x
-        covered |= _cut_circle(laser_x, laser_y, circles[index, 2], squares[index], rays, nearest)
+        covered |= _cut_circle(circles[index], x, y, cos_yaw, sin_yaw, rays, nearest)
     for index in range(movers.shape[0]):
-        offset_x = movers[index, 0] - x
-        offset_y = movers[index, 1] - y
-        laser_x = cos_yaw * offset_x + sin_yaw * offset_y
-        laser_y = cos_yaw * offset_y - sin_yaw * offset_x
-        square = offset_x * offset_x + offset_y * offset_y
-        covered |= _cut_circle(laser_x, laser_y, movers[index, 2], square, rays, nearest)
+        covered |= _cut_circle(movers[index], x, y, cos_yaw, sin_yaw, rays, nearest)
 
     # Boxes, four sides each
     for index in range(0, edges.shape[0], 4):

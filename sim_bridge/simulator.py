@@ -211,7 +211,7 @@ class Simulator(ABC):
         time = self.state.time
         pose = self.state.pose
         if errors is not None:
-            time, pose = errors.measured
+            time, pose = errors.past[0]
         laser_pose = laser.pose_for(pose)
         ranges: Array32 = self._lidar.scan(*laser_pose, self.world.mover_circles(time))
         if errors is not None:
@@ -260,7 +260,8 @@ class Simulator(ABC):
             self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False
         )
         if self._laser_errors is not None:
-            self._laser_errors.place(self.state.time, self.state.pose)
+            # What was measured at the old place would be taken for the new one.
+            self._laser_errors.past = [(self.state.time, self.state.pose)]
         odom_x, odom_y, _ = self.state.odom_pose
         self.set_odometry((odom_x, odom_y, yaw))
         self.odom_origin = (x - odom_x, y - odom_y)
@@ -289,7 +290,40 @@ class Simulator(ABC):
 
     @abstractmethod
     def _drive(self, steps: int) -> None:
-        """Simulate `steps` steps towards `_target(time)`; update self._steps and self.state."""
+        """Simulate `steps` steps towards `_target(time)`; count self._steps, and call _update()."""
+
+    def _update(
+        self,
+        pose: Pose,
+        twist: Twist,
+        rolled: float,
+        duration: float,
+        contact: bool,
+        flipped: bool = False,
+    ) -> None:
+        """Store the state after the last steps.
+
+        Args:
+            pose: True pose of base_link [m, m, rad].
+            twist: True twist [m/s, rad/s].
+            rolled: Mean speed of the wheels' rims in these steps [m/s].
+            duration: Duration of these steps [s].
+            contact: Whether the robot touched an obstacle.
+            flipped: Whether the robot has fallen over.
+        """
+        acceleration = (twist[0] - self.state.twist[0]) / duration
+        odometry = self._odometry
+        odometry.integrate(duration, rolled, pose[2], twist[1], acceleration)
+        self.state = RobotState(
+            time=self._steps * STEP,
+            pose=pose,
+            twist=twist,
+            odom_pose=odometry.pose,
+            odom_twist=odometry.twist,
+            contact=contact,
+            flipped=flipped,
+            imu=odometry.imu,
+        )
 
     def _target(self, time: float) -> Twist:
         """Return the command (v, w) that the base follows at `time`, after latency and time-out."""

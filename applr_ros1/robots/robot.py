@@ -28,15 +28,6 @@ from applr_ros1.robots.parameter_files import nested, of_move_base, read_yaml
 FILE = "robot.yaml"
 SENSORS = "sensors.yaml"  # errors of scanners by name, beside this file
 SENSORS_PATH = os.path.join(os.path.dirname(os.path.abspath(__file__)), SENSORS)
-# Fields of Laser that are errors of a scan besides white noise
-ERRORS = (
-    "range_noise",
-    "incidence_error",
-    "dropouts",
-    "mixed",
-    "gaps",
-    "stamp_delay",
-)
 PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
 Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # name of a topic
 Frame = Annotated[
@@ -196,14 +187,22 @@ class Laser(Section):
         "", 0.0, 0.2, "further standard deviation of a range, per metre of range", 0.0
     )
     incidence_error: float = real(
-        "m", -0.2, 0.2, "error of a range at normal incidence, which vanishes within 20 degrees", 0.0
+        "m",
+        -0.2,
+        0.2,
+        "error of a range at normal incidence, which vanishes within 20 degrees",
+        0.0,
     )
     dark: float = real("", 0.0, 1.0, "share of surfaces that are dark or glossy", 0.0)
     dropouts: float = real(
         "", 0.0, 1.0, "share of the ranges on dark or glossy surfaces without a return", 0.0
     )
     mixed: float = real(
-        "", 0.0, 1.0, "share of the edges of near surfaces at which a range lies behind the edge", 0.0
+        "",
+        0.0,
+        1.0,
+        "share of the edges of near surfaces at which a range lies behind the edge",
+        0.0,
     )
     gaps: float = real("", 0.0, 0.9, "share of scans that are missing", 0.0)
     stamp_delay: float = real("s", 0.0, 1.0, "time from the measurement to the scan's stamp", 0.0)
@@ -224,14 +223,14 @@ class Laser(Section):
             return content
         sensors = read_yaml(SENSORS_PATH)
         if name not in sensors:
-            names = ", ".join(sensors)
-            raise ValueError(f"sensor is {shown(name)}: give one of {names}, or its errors instead")
+            raise ValueError(f"sensor is {shown(name)}: give one of {', '.join(sensors)}")
         return {**sensors[name], **content}
 
     @property
     def has_errors(self) -> bool:
         """Whether scans have other errors than white noise."""
-        return any(getattr(self, name) for name in ERRORS)
+        of_ranges = self.range_noise or self.incidence_error or self.dropouts or self.mixed
+        return bool(of_ranges or self.gaps or self.stamp_delay)
 
     @property
     def increment(self) -> float:
