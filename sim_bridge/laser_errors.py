@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, Tuple
+from typing import Any
 
 import numpy as np
 
@@ -25,60 +25,56 @@ class LaserErrors:
 
     Args:
         laser: Description of the laser with its errors.
-        pose: Pose of the base [m, m, rad] at time 0.
+        state: RobotState at the start.
         rng: Random numbers of the errors.
 
     Attributes:
-        past: Times [s] and poses of the base. A scan that is stamped now was measured at the first.
+        past: States of the robot. A scan that is stamped now was measured in the first.
     """
 
-    def __init__(self, laser: Laser, pose: Pose, rng: np.random.Generator) -> None:
+    def __init__(self, laser: Laser, state: Any, rng: np.random.Generator) -> None:
         self._laser = laser
         self._rng = rng
         # Surfaces in a dark patch lose ranges in every scan: an obstacle flickers as a whole.
         self._dark = rng.random((PATCHES, PATCHES)) < laser.dark
-        self.past: List[Tuple[float, Pose]] = [(0.0, pose)]
+        self.past = [state]
 
-    def remember(self, time: float, pose: Pose) -> None:
-        """Add the pose of the base at `time` [s] to the past, and forget what is too old."""
-        self.past.append((time, pose))
-        measured_until = time - self._laser.stamp_delay + TIME_TOLERANCE_S
-        while len(self.past) > 1 and self.past[1][0] <= measured_until:
+    def remember(self, state: Any) -> None:
+        """Add a state to the past, and forget states that are too old."""
+        self.past.append(state)
+        latest = state.time - self._laser.stamp_delay + TIME_TOLERANCE_S
+        while len(self.past) > 1 and self.past[1].time <= latest:
             del self.past[0]
 
     def loses_scan(self) -> bool:
-        """Return whether the next scan is missing."""
-        return self._rng.random() < self._laser.gaps
+        """Return whether the scan of now is missing. The first one never is."""
+        return self.past[-1].time > 0.0 and self._rng.random() < self._laser.gaps
 
     def add(self, ranges: Array32, pose: Pose) -> None:
         """Add the errors to exact `ranges` (beams,) [m] of a laser at `pose` [m, m, rad]."""
         laser = self._laser
         rng = self._rng
-        has_return = np.isfinite(ranges)
-        exact = np.where(has_return, ranges, laser.range_max).astype(np.float64)
-        measured = exact.copy()
+        exact = np.where(np.isfinite(ranges), ranges, laser.range_max)
         steps = np.diff(exact)
+        step_sizes = np.abs(steps)
 
         # The neighbour on the same surface, which is the nearer one, gives the incidence.
-        step_sizes = np.abs(steps)
         slopes = np.minimum(np.append(step_sizes, np.inf), np.insert(step_sizes, 0, np.inf))
         slopes /= exact * laser.increment  # tangents of the angles of incidence
-        measured += laser.incidence_error * np.exp(-np.square(slopes / INCIDENCE_TANGENT))
-        measured += laser.range_noise * exact * rng.standard_normal(len(exact))
+        ranges += laser.incidence_error * np.exp(-np.square(slopes / INCIDENCE_TANGENT))
+        ranges += laser.range_noise * exact * rng.standard_normal(len(exact))
 
         # At an edge, the spot of a beam covers both surfaces. Its range lies between theirs.
-        edges = np.flatnonzero((step_sizes > EDGE_M) & has_return[1:] & has_return[:-1])
-        mixed_edges = edges[rng.random(len(edges)) < laser.mixed]
-        behind = mixed_edges + (steps[mixed_edges] > 0.0)
-        shares = rng.random(len(behind))
-        measured[behind] = exact[behind] - shares * step_sizes[mixed_edges]
+        is_seen = exact < laser.range_max
+        edges = np.flatnonzero((step_sizes > EDGE_M) & is_seen[1:] & is_seen[:-1])
+        edges = edges[rng.random(len(edges)) < laser.mixed]
+        behind = edges + (steps[edges] > 0.0)
+        ranges[behind] = exact[behind] - rng.random(len(edges)) * step_sizes[edges]
 
         # Dark and glossy surfaces
         x, y, yaw = pose
         angles = yaw + laser.first_angle + laser.increment * np.arange(len(exact))
         columns = np.floor((x + exact * np.cos(angles)) / PATCH_M).astype(int)
         rows = np.floor((y + exact * np.sin(angles)) / PATCH_M).astype(int)
-        is_dark = self._dark[rows % PATCHES, columns % PATCHES]
-        measured[is_dark & (rng.random(len(exact)) < laser.dropouts)] = np.inf
-
-        ranges[has_return] = measured[has_return]
+        is_dark = is_seen & self._dark[rows % PATCHES, columns % PATCHES]
+        ranges[is_dark & (rng.random(len(exact)) < laser.dropouts)] = np.inf

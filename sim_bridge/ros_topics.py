@@ -233,7 +233,7 @@ def _cylinders(
 def _markers(
     name: str, shape: int, colour: ColorRGBA, places: Sequence[Any], stamp: rospy.Time
 ) -> List[Marker]:
-    """Return the markers of obstacles on the ground at places x, y, yaw, size_x, size_y [m, rad]."""
+    """Return the markers of obstacles on the ground: x, y, yaw, size_x, size_y [m, rad]."""
     markers = []
     for number, (x, y, yaw, size_x, size_y) in enumerate(places):
         marker = Marker(ns=name, id=number, type=shape, color=colour)

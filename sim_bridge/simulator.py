@@ -155,16 +155,16 @@ class Simulator(ABC):
         self._odometry = Odometry(self.robot.odometry, yaw, odometry_rng, self.drawn.odometry)
         self._noise = np.random.default_rng([errors_seed, 1])
         self._angle_seed = [errors_seed, 2]
-        self._laser_errors: Optional[LaserErrors] = None
-        if self.robot.laser.has_errors:
-            laser_rng = np.random.default_rng([errors_seed, 3])
-            self._laser_errors = LaserErrors(self.robot.laser, pose, laser_rng)
 
         self._surface = self._drawn_surface()
         self._command = _Command()
         self._steps = 0
         self._elapsed = 0.0
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
+        self._laser_errors: Optional[LaserErrors] = None
+        if self.robot.laser.has_errors:
+            laser_rng = np.random.default_rng([errors_seed, 3])
+            self._laser_errors = LaserErrors(self.robot.laser, self.state, laser_rng)
         self._place(pose, new_world)
         return self.state
 
@@ -193,13 +193,12 @@ class Simulator(ABC):
         if steps > 0:
             self._drive(steps)
         if self._laser_errors is not None:
-            self._laser_errors.remember(self.state.time, self.state.pose)
+            self._laser_errors.remember(self.state)
         return self.state
 
     def loses_scan(self) -> bool:
-        """Return whether the scan that is due now is missing. The first one never is."""
-        errors = self._laser_errors
-        return errors is not None and self.state.time > 0.0 and errors.loses_scan()
+        """Return whether the laser has no scan now, although one is due (laser.gaps)."""
+        return self._laser_errors is not None and self._laser_errors.loses_scan()
 
     def scan(self) -> Array32:
         """Return the laser ranges (beams,) float32 [m] now, with new noise at each call.
@@ -208,12 +207,9 @@ class Simulator(ABC):
         """
         laser = self.robot.laser
         errors = self._laser_errors
-        time = self.state.time
-        pose = self.state.pose
-        if errors is not None:
-            time, pose = errors.past[0]
-        laser_pose = laser.pose_for(pose)
-        ranges: Array32 = self._lidar.scan(*laser_pose, self.world.mover_circles(time))
+        state = self.state if errors is None else errors.past[0]
+        laser_pose = laser.pose_for(state.pose)
+        ranges: Array32 = self._lidar.scan(*laser_pose, self.world.mover_circles(state.time))
         if errors is not None:
             errors.add(ranges, laser_pose)
         # The factor stands for what is unknown of a laser. The errors of a named one are known.
@@ -261,7 +257,7 @@ class Simulator(ABC):
         )
         if self._laser_errors is not None:
             # What was measured at the old place would be taken for the new one.
-            self._laser_errors.past = [(self.state.time, self.state.pose)]
+            self._laser_errors.past = [self.state]
         odom_x, odom_y, _ = self.state.odom_pose
         self.set_odometry((odom_x, odom_y, yaw))
         self.odom_origin = (x - odom_x, y - odom_y)
