@@ -21,7 +21,6 @@ from applr_ros1.robots.robot import Laser
 from .records import Records, record
 
 _NO_MOVERS = np.empty((0, 3))
-_JUMP_M = 0.5  # displacement of the laser above which the last order of the circles is useless [m]
 # Margins of the angle that an obstacle covers, above the errors of _bearing and of the arcsine
 # [rad]
 _CIRCLE_MARGIN = 0.0005
@@ -67,7 +66,6 @@ class Lidar:
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
         self._order = np.arange(len(self.circles))  # circles by distance in the last scan
         self._squares = np.empty(len(self.circles))  # squared distances in the last scan [m^2]
-        self._sorted_at = (np.inf, np.inf)
 
     def scan(self, x: float, y: float, yaw: float, movers: Array = _NO_MOVERS) -> Array32:
         """Return the exact ranges (beams,) float32 [m] of the laser at (x, y) with heading `yaw`.
@@ -75,11 +73,6 @@ class Lidar:
         +inf means nothing within range_max, and -inf an obstacle nearer than range_min or around
         the laser. `movers` (k, 3) are additional circles x, y, radius for this scan only.
         """
-        # Insertion sort takes long if the order of the last scan is far from the right one.
-        if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > _JUMP_M:
-            distances = np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y)
-            self._order[:] = np.argsort(distances)
-        self._sorted_at = (x, y)
         ranges = np.empty(len(self._cosines), dtype=np.float32)
         _scan(
             (x, y, yaw),
@@ -257,7 +250,8 @@ def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: LaserBeams, near
 def _sort(order: Ints, keys: Array) -> None:
     """Sort `order` (n,), a permutation, by `keys` (n,), with insertion sort.
 
-    This is fast, because the order of the last scan is nearly right.
+    This is fast, because the order of the last scan is nearly right. In a new world, 400 circles
+    take less than 0.1 ms.
     """
     for rank in range(1, order.shape[0]):
         moved = order[rank]

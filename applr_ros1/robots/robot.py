@@ -230,8 +230,14 @@ class Laser(Section):
     def has_errors(self) -> bool:
         """Whether scans have other errors than white noise."""
         of_ranges = self.range_noise or self.incidence_error or self.dropouts or self.mixed
-        of_ranges = self.range_noise or self.incidence_error or self.dropouts or self.mixed
-        return bool(of_ranges or self.gaps or self.stamp_delay)
+        return bool(
+            self.range_noise
+            or self.incidence_error
+            or self.dropouts
+            or self.mixed
+            or self.gaps
+            or self.stamp_delay
+        )
 
     @property
     def increment(self) -> float:
