@@ -4,6 +4,7 @@ import builtins
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -49,6 +50,17 @@ def test_a_command_ends_in_one_line_and_a_status(capsys, outcome, status, line):
 
     assert run_main(command, "p") == status
     assert capsys.readouterr().err == line
+
+
+def test_output_that_nobody_reads_any_more_ends_in_silence(tmp_path, capsys, monkeypatch):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        assert run_main(lambda: print("a line"), "p") == 128 + signal.SIGPIPE
+        # What is left of it goes nowhere when Python ends.
+        print("another line", flush=True)
+    assert capsys.readouterr().err == ""
 
 
 def test_any_other_error_is_one_line_with_a_traceback_on_request(capsys, monkeypatch):

@@ -41,6 +41,7 @@ from applr_ros1.planner.sampling_planner import (
 )
 
 NO_PLAN = np.zeros((0, 2))
+VELOCITY_LIMITS = "velocity limits"  # name of the samples that no critic has seen
 
 
 def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
@@ -211,14 +212,14 @@ class DWAPlanner(SamplingPlanner):
     def refusals(self) -> Dict[str, int]:
         """Count the last search's rejected samples by critic.
 
-        "velocity limits" are the samples that the generator rejected.
+        VELOCITY_LIMITS are the samples that the generator rejected.
         """
         samples = self.score_all_samples()
         is_rejected = (samples.counts > 0) & (samples.costs < 0)
         counts_by_critic = np.bincount(samples.ended[is_rejected], minlength=len(CRITICS))
         return {
             "samples": len(samples.costs),
-            "velocity limits": int((samples.counts == 0).sum()),
+            VELOCITY_LIMITS: int((samples.counts == 0).sum()),
             **{critic.term.name: int(count) for critic, count in zip(CRITICS, counts_by_critic)},
         }
 
