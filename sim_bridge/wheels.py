@@ -172,12 +172,13 @@ def _interpolated(table: Array, row: float, column: float, entry: int) -> float:
     weight_01 = (1.0 - row) * column
     weight_10 = row * (1.0 - column)
     weight_11 = row * column
-    return (
+    interpolated: float = (
         weight_00 * table[first_row, first_column, entry]
         + weight_01 * table[first_row, first_column + 1, entry]
         + weight_10 * table[first_row + 1, first_column, entry]
         + weight_11 * table[first_row + 1, first_column + 1, entry]
     )
+    return interpolated
 
 
 @kernel(error_model="numpy", forceinline=True)

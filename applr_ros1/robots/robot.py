@@ -229,7 +229,6 @@ class Laser(Section):
     @property
     def has_errors(self) -> bool:
         """Whether scans have other errors than white noise."""
-        of_ranges = self.range_noise or self.incidence_error or self.dropouts or self.mixed
         return bool(
             self.range_noise
             or self.incidence_error
