@@ -122,7 +122,7 @@ class RerunPlanner:
 
     def cloud(self, scan: LaserScan) -> PointCloud:
         """Return the points of a scan in its frame, as the local costmap takes them."""
-        return observe(scan, self._costmap.obstacles.buffers[0].source.inf_is_valid)
+        return observe(scan, self._costmap.obstacle_layers[0].buffers[0].source.inf_is_valid)
 
     @property
     def first_memory(self) -> Memory:

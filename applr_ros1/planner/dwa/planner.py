@@ -43,11 +43,6 @@ from applr_ros1.planner.sampling_planner import (
 NO_PLAN = np.zeros((0, 2))
 
 
-def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
-    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
-    roll_out(p, start_record(start), sample, points)
-
-
 class DWAPlanner(SamplingPlanner):
     """DWA planner that samples velocities and scores them with its critics.
 
@@ -180,9 +175,9 @@ class DWAPlanner(SamplingPlanner):
         )
         if winner.is_aligned:
             self._aligned_plan = self._scene.plan
-        # The next cycle overwrites the record, so the choice keeps its values.
-        start = self._scratch.start[0].item()
-        follow = partial(_follow, self._params[0], start, winner.sample)
+        # The next cycle overwrites the record, so the choice keeps a copy.
+        start = self._scratch.start.copy()[0]
+        follow = partial(roll_out, self._params[0], start, winner.sample)
         command = (winner.stored.vx, winner.stored.vy, winner.command_w)
         return CycleChoice(
             winner.cost, winner.stored, command, winner.steps, follow, sample=winner.number

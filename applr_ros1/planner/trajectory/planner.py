@@ -48,11 +48,6 @@ SCALES = {
 }
 
 
-def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
-    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
-    roll_out(p, start_record(start), sample, points)
-
-
 class TrajectoryPlanner(SamplingPlanner):
     """Trajectory planner with velocity sampling.
 
@@ -190,9 +185,9 @@ class TrajectoryPlanner(SamplingPlanner):
         )
         sample = Velocity(winner.vx, 0.0, winner.w)
         command = (winner.command_vx, 0.0, winner.command_w)
-        # The next cycle overwrites the record, so the choice keeps its values.
-        start = self._scratch.start[0].item()
-        follow = partial(_follow, self._params[0], start, sample)
+        # The next cycle overwrites the record, so the choice keeps a copy.
+        start = self._scratch.start.copy()[0]
+        follow = partial(roll_out, self._params[0], start, sample)
         return CycleChoice(winner.cost, sample, command, winner.point_count, follow)
 
     def score(

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import brushfire, inflation_layer
+from applr_ros1.planner.costmap.grid import Geometry
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters, cost_at
 from tests.support.scenes import inflate
 from tests.support.seeds import examples
@@ -17,7 +18,8 @@ from tests.support.seeds import examples
 
 def make(columns, rows, parameters):
     """Return a layer with the Jackal's inscribed radius."""
-    layer = InflationLayer(columns, rows, 0.05, parameters)
+    layer = InflationLayer("inflation", parameters)
+    layer.match_size(Geometry(columns, rows, 0.05, np.zeros(2), False))
     layer.set_inscribed_radius(0.265)
     return layer
 
