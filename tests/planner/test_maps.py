@@ -32,7 +32,6 @@ from applr_ros1.planner.costmap.static_layer import (
 )
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import ObservationRouter
-from applr_ros1.robots import JACKAL
 from tests.support.refusals import refused
 from tests.support.robots import DWA_PARAMETERS, JACKAL_FOOTPRINT, ToyRobot, quick
 from tests.support.scenes import inflate, see, wall_with_a_door
@@ -789,41 +788,6 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
         assert cycle.stale is (step > 6)
     assert cycle.silent == ("points", 0.32)
     assert cycle.command == (0.0, 0.0)
-
-
-def test_the_map_of_a_world_matches_the_laser():
-    """Laser hits are in or next to an occupied cell, and no cell on the path is occupied."""
-    import worlds
-    from sim_bridge.lidar import Lidar
-    from worlds.occupancy import occupancy
-
-    resolution = 0.05
-    yaw = 0.3
-    world = worlds.load("physical_course")
-    cells, _, (origin_x, origin_y, _) = occupancy(world, resolution)
-    # Rounding may put a hit into the neighbouring cell.
-    near_occupied = cells.copy()
-    for rows, columns in itertools.product((-1, 0, 1), repeat=2):
-        near_occupied |= np.roll(cells, (rows, columns), axis=(0, 1))
-    laser = JACKAL.laser
-    lidar = Lidar(laser, world.cylinders, world.boxes)
-    angles = yaw + laser.first_angle + laser.increment * np.arange(laser.beams)
-
-    def cell_of(x, y):
-        """Return row and column of the cells that contain points."""
-        column = (x - origin_x) / resolution
-        row = (y - origin_y) / resolution
-        return np.asarray(row).astype(int), np.asarray(column).astype(int)
-
-    stride = max(1, len(world.course.path) // 20)
-    for x, y in world.course.path[::stride]:
-        ranges = lidar.scan(x, y, yaw)
-        is_hit = np.isfinite(ranges)
-        hit_x = x + ranges[is_hit] * np.cos(angles[is_hit])
-        hit_y = y + ranges[is_hit] * np.sin(angles[is_hit])
-        assert (near_occupied[cell_of(hit_x, hit_y)] == 100).all()
-        assert cells[cell_of(x, y)] == 0
-    assert 0.02 < (cells == 100).mean() < 0.2
 
 
 def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_updates():

@@ -36,6 +36,7 @@ from applr_ros1.planner.sampling_planner import (
     Velocity,
     cost_cloud,
     floats,
+    follow_sample,
     start_record,
     trajectory_cloud,
 )
@@ -175,9 +176,9 @@ class DWAPlanner(SamplingPlanner):
         )
         if winner.is_aligned:
             self._aligned_plan = self._scene.plan
-        # The next cycle overwrites the record, so the choice keeps a copy.
-        start = self._scratch.start.copy()[0]
-        follow = partial(roll_out, self._params[0], start, winner.sample)
+        # The next cycle overwrites the record, so the choice keeps its values.
+        start = self._scratch.start[0].item()
+        follow = partial(follow_sample, roll_out, self._params[0], start, winner.sample)
         command = (winner.stored.vx, winner.stored.vy, winner.command_w)
         return CycleChoice(
             winner.cost, winner.stored, command, winner.steps, follow, sample=winner.number

@@ -26,6 +26,7 @@ from applr_ros1.planner.sampling_planner import (
     Velocity,
     cost_cloud,
     floats,
+    follow_sample,
     start_record,
     trajectory_cloud,
 )
@@ -185,9 +186,9 @@ class TrajectoryPlanner(SamplingPlanner):
         )
         sample = Velocity(winner.vx, 0.0, winner.w)
         command = (winner.command_vx, 0.0, winner.command_w)
-        # The next cycle overwrites the record, so the choice keeps a copy.
-        start = self._scratch.start.copy()[0]
-        follow = partial(roll_out, self._params[0], start, sample)
+        # The next cycle overwrites the record, so the choice keeps its values.
+        start = self._scratch.start[0].item()
+        follow = partial(follow_sample, roll_out, self._params[0], start, sample)
         return CycleChoice(winner.cost, sample, command, winner.point_count, follow)
 
     def score(

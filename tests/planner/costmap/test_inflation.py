@@ -220,17 +220,6 @@ def test_costs_decay_beyond_the_inscribed_radius(cells, cost):
     assert cost_at(cells, 0.05, 0.25, 10.0) == cost
 
 
-def test_new_parameters_change_all_costs():
-    layer = make(20, 20, InflationParameters(0.6, 3.0))
-    layer.configure(InflationParameters(0.6, 10.0))
-    base = blank(20, 20)
-    base[10, 10] = 254
-    master = blank(20, 20)
-    layer.update(master, base, (0, 0, 20, 20))
-    assert layer.full_pass_due
-    assert master[10, 18] == cost_at(8, 0.05, 0.265, 10.0)
-
-
 def test_short_queues_are_survived(monkeypatch):
     """If many obstacles change at once, the queue grows or the spread starts anew."""
     rng = np.random.default_rng(3)
