@@ -158,7 +158,7 @@ def inflation():
         master, *_ = arguments
         return master.shape == (200, 200)
 
-    mean, count = _time_in_drives(InflationLayer, "update", is_of_local_costmap)
+    mean, count = _time_in_drives(InflationLayer, "inflate", is_of_local_costmap)
     return 1e6 * mean, "us (mean over %d updates)" % count
 
 

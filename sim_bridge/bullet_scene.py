@@ -64,7 +64,7 @@ def connect() -> Any:
         os.close(null_device)
 
 
-def clear(client: Any, step: float) -> None:
+def empty(client: Any, step: float) -> None:
     """Remove everything from a client's scene except the ground. `step` is the physics step [s]."""
     client.resetSimulation()
     client.setGravity(0, 0, -GRAVITY)
@@ -168,9 +168,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
         shapes.append(wheel_shape)
         positions.append((x - com_x, y - com_y, base.axle_height - com_z))
     if base.casters:
-        # A caster fills the gap between the ground and the body, or is small under a low body.
-        clearance = robot_mechanics.base_height + body.bottom
-        radius = max(clearance / 2, 0.1 * base.wheel_radius)
+        radius = geometry.caster_radius(robot)
         caster_shape = client.createCollisionShape(client.GEOM_SPHERE, radius=radius)
         for x, y in base.casters:
             shapes.append(caster_shape)

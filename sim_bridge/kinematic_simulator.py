@@ -131,7 +131,7 @@ class KinematicSimulator(Simulator):
         speed = body.forward + body.yaw_rate * com_y
         acceleration = (speed - self.state.twist[0]) / duration
         odometry = self._odometry
-        odometry.update(duration, body.rolled, body.yaw, body.yaw_rate, acceleration)
+        odometry.integrate(duration, body.rolled, body.yaw, body.yaw_rate, acceleration)
         # From the centre of mass back to base_link
         x, y = transform_point((body.x, body.y, body.yaw), -com_x, -com_y)
         self.state = RobotState(

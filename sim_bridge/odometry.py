@@ -35,7 +35,7 @@ class Odometry:
         self._rate = 0.0  # filtered yaw rate [rad/s]
         self._turned = 0.0  # rotation of frame odom relative to the world [rad]
 
-    def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
+    def place(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
         """Set the pose (x, y, yaw) in frame odom of a robot whose true yaw is `true_yaw` [rad]."""
         self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]
@@ -43,7 +43,7 @@ class Odometry:
         self._rate = 0.0
         self._turned = self.pose[2] - true_yaw
 
-    def update(
+    def integrate(
         self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float
     ) -> None:
         """Integrate one step of dead reckoning.

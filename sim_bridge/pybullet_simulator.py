@@ -53,7 +53,7 @@ class PybulletSimulator(Simulator):
     def _place(self, pose: Pose, new_world: bool) -> None:
         # The scene is rebuilt every time, because Bullet keeps contacts and solver state over a
         # change of position.
-        scene.clear(self._client, STEP)
+        scene.empty(self._client, STEP)
         self._circles = scene.build_obstacles(self._client, self.world)
         self._movers = scene.build_movers(self._client, self.world.mover_circles(0.0))
         self._body = scene.build_robot(self._client, self.robot, pose)
@@ -123,7 +123,7 @@ class PybulletSimulator(Simulator):
         yaw_rate = motion[1][2]
         acceleration = (speed - self.state.twist[0]) / duration
         odometry = self._odometry
-        odometry.update(duration, rolled / steps, pose[2], yaw_rate, acceleration)
+        odometry.integrate(duration, rolled / steps, pose[2], yaw_rate, acceleration)
         self.state = RobotState(
             time=self._steps * STEP,
             pose=pose,

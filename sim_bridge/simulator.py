@@ -195,7 +195,7 @@ class Simulator(ABC):
         As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
         laser = self.robot.laser
-        x, y, yaw = laser.pose_at(self.state.pose)
+        x, y, yaw = laser.pose_for(self.state.pose)
         circles = self.world.mover_circles(self.state.time)
         ranges: Array32 = self._lidar.scan(x, y, yaw, circles)
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
@@ -213,7 +213,7 @@ class Simulator(ABC):
             laser.range_min,
             laser.range_max,
             self.scan(),
-            laser.pose_at(self.state.odom_pose),
+            laser.pose_for(self.state.odom_pose),
             laser.height,
         )
 
@@ -223,7 +223,7 @@ class Simulator(ABC):
 
     def set_odometry(self, pose: Pose) -> None:
         """Set the pose (x, y, yaw) of the odometry in frame odom without moving the robot."""
-        self._odometry.set(pose, self.state.pose[2])
+        self._odometry.place(pose, self.state.pose[2])
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
     def teleport(self, pose: Sequence[float]) -> RobotState:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, List, Optional, Tuple, Union
+from typing import Any, Dict, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -147,19 +147,16 @@ def moved(observation: Observation, frame: Pose) -> Observation:
     origin = observation.origin
     if origin is not None:
         origin = (*transform_point(frame, origin[0], origin[1]), origin[2])
+    place: Dict[str, Any] = {}
     if isinstance(observation, LaserScan):
-        sensor_pose = compose(frame, observation.sensor_pose)
-        rotation = observation.rotation
-        if rotation is not None:
-            rotation = _turned(rotation, frame[2])
-        return replace(observation, sensor_pose=sensor_pose, rotation=rotation, origin=origin)
-    x, y, z = observation.position
-    return replace(
-        observation,
-        position=(*transform_point(frame, x, y), z),
-        rotation=_turned(observation.rotation, frame[2]),
-        origin=origin,
-    )
+        place["sensor_pose"] = compose(frame, observation.sensor_pose)
+    else:
+        x, y, z = observation.position
+        place["position"] = (*transform_point(frame, x, y), z)
+    # A level laser has none.
+    if observation.rotation is not None:
+        place["rotation"] = _turned(observation.rotation, frame[2])
+    return replace(observation, origin=origin, **place)
 
 
 def _turned(q: Quaternion, yaw: float) -> Quaternion:
@@ -357,7 +354,7 @@ class ObservationBuffer:
         self.clouds: List[PointCloud] = []
         self.taken: Optional[float] = None
 
-    def take(self, cloud: PointCloud, now: float) -> None:
+    def add_cloud(self, cloud: PointCloud, now: float) -> None:
         """Add a cloud at time `now` [s], and drop clouds older than observation_persistence.
 
         With a persistence of 0, the latest cloud of each sensor is kept: several may publish before

@@ -49,8 +49,16 @@ def in_full(drive: Drive) -> str:
     if reason != ODOMETRY_ARRIVED:
         return reason
     odometry, truth = drive.require(MeasuredSlip)
-    slip = math.dist(_displacement(odometry), _displacement(truth))
+    slip = wheel_slip(odometry, truth)
     return f"{reason}: its wheels slipped by {slip:.2f} m over {odometry.length:.1f} m"
+
+
+def wheel_slip(odometry: Motion, truth: Motion) -> float:
+    """Return how far a simulated robot is from where its odometry takes it to be [m].
+
+    The true motion is known here. On a robot the scans tell (monitor/scan_matching.py).
+    """
+    return math.dist(_displacement(odometry), _displacement(truth))
 
 
 def _displacement(motion: Motion) -> Tuple[float, float]:

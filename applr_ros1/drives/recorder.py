@@ -1,12 +1,11 @@
 """Recorder: collects the rows of a drive while it happens, and returns them as a Drive."""
 
-from dataclasses import fields
-from typing import Any, Dict, List, Mapping, Optional, Type
+from dataclasses import MISSING, fields
+from typing import Any, Dict, List, Optional, Type
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import (
     KIND_OF_COLUMN,
     WIDTH,
@@ -16,7 +15,6 @@ from applr_ros1.drives.drive import (
     Rows,
     SentGoal,
 )
-from applr_ros1.monitor.monitor import Verdict
 from worlds import World
 
 FIRST_ROWS = 256  # rows for which a log has room at first
@@ -38,6 +36,8 @@ class RowLog:
         self._arrays: Dict[str, np.ndarray] = {}
         self._lists: Dict[str, List[Any]] = {}
         for column in fields(kind):
+            if column.default_factory is not MISSING:
+                continue  # Nobody records it here.
             if column.type is not np.ndarray:
                 self._lists[column.name] = []
             elif WIDTH in column.metadata:
@@ -85,6 +85,8 @@ class Recorder:
 
     Attributes:
         frame: Frame of odometry and plans.
+        contacts, recoveries: Times [s] of contacts, and of the beginnings of recovery behaviours.
+        decisions, ends, sent, goals: As in Drive.
     """
 
     def __init__(self, world: Optional[World] = None, everything: bool = False):
@@ -95,76 +97,25 @@ class Recorder:
         for column_name, kind in KIND_OF_COLUMN.items():
             if issubclass(kind, Rows):
                 self._logs[column_name] = RowLog(kind)
-        self._contacts: List[float] = []
-        self._recoveries: List[float] = []
+        self.contacts: List[float] = []
+        self.recoveries: List[float] = []
         self.decisions: List[Decision] = []
         self.ends: List[Decision] = []
         self.sent: List[SentGoal] = []
         self.goals: List[Goal] = []
 
-    def add(self, column: str, time: float, **values: Any) -> None:
+    def add_row(self, column: str, time: float, **values: Any) -> None:
         """Add a row to a column of Drive, with the time [s] and the other fields of its class."""
         self._logs[column].append(time=time, **values)
 
-    # -- rows that are always kept -----------------------------------------------------------------
     def moved(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's true motion."""
         # A simulator's rows hold for the time at which they come.
-        self.add("truth", time, stamp=time, pose=pose, twist=twist)
-
-    def measured(self, time: float, nearest: float) -> None:
-        """Add the smallest range of a scan [m]."""
-        self.add("clearances", time, nearest=nearest)
-
-    def observed(self, time: float, nearest: float) -> None:
-        """Add the smallest range [m] of a scan that the method sees."""
-        self.add("observed", time, nearest=nearest)
-
-    def touched(self, time: float) -> None:
-        """Add a contact."""
-        self._contacts.append(time)
+        self.add_row("truth", time, stamp=time, pose=pose, twist=twist)
 
     def localised(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's motion by odometry."""
-        self.add("odometry", time, stamp=time, pose=pose, twist=twist)
-
-    # -- rows that are kept on request -------------------------------------------------------------
-    def scanned(self, time: float, scan: LaserScan) -> None:
-        """Add a laser scan."""
-        fan = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
-        self.add("scans", time, stamp=time, fan=fan, ranges=scan.ranges)
-
-    def routed(self, time: float, path: np.ndarray) -> None:
-        """Add a plan (k, 3) of the global planner."""
-        self.add("routes", time, path=path)
-
-    def refused(self, time: float, critics: Dict[str, int]) -> None:
-        """Add a cycle of the local planner.
-
-        critics: number of velocities that each critic rejected if none was valid, else {}.
-        """
-        self.add("refusals", time, critics=critics)
-
-    def planned(self, time: float, command: Twist, path: np.ndarray) -> None:
-        """Add a command of the local planner, and the plan (k, 3) that it followed."""
-        self.add("planned", time, twist=command)
-        self.add("plans", time, path=path)
-
-    def commanded(self, time: float, command: Twist) -> None:
-        """Add a command to the base."""
-        self.add("commands", time, twist=command)
-
-    def judged(self, time: float, verdict: Verdict) -> None:
-        """Add a verdict of the collision monitor."""
-        self.add("verdicts", time, action=verdict.action, reason=verdict.reason)
-
-    def changed(self, time: float, server: str, values: Mapping[str, Any]) -> None:
-        """Add parameters {name: value} of a server that are now in force."""
-        self.add("changes", time, server=server, values=dict(values))
-
-    def recovered(self, time: float) -> None:
-        """Add the beginning of a recovery behaviour."""
-        self._recoveries.append(time)
+        self.add_row("odometry", time, stamp=time, pose=pose, twist=twist)
 
     # -- the drive ---------------------------------------------------------------------------------
     @property
@@ -174,7 +125,7 @@ class Recorder:
         if self.everything:
             for column_name in self._logs.keys() - ALWAYS - UNKNOWN:
                 setattr(drive, column_name, self._logs[column_name].rows)
-            drive.recoveries = np.array(self._recoveries)
+            drive.recoveries = np.array(self.recoveries)
         return drive
 
     @property
@@ -195,6 +146,6 @@ class Recorder:
             ends=self.ends,
             sent=self.sent,
             goals=self.goals,
-            contacts=np.array(self._contacts),
+            contacts=np.array(self.contacts),
             world=self._world,
         )

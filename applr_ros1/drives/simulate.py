@@ -123,7 +123,6 @@ class CourseDrive:
         self.period = period
         self.stall = Stall(simulated.robot.world_scale)
         self._cycles = cycles_in(period)
-        self._record = record
         self._recorder = Recorder(world, record)
         self._period_count = 0
         # Scan (beams,) [m] and plan (k, >= 2) of the next decision
@@ -152,7 +151,7 @@ class CourseDrive:
         self._record_planner(simulated.cycle())
         state = simulated.state
         self._began = state.time
-        self.stall.update(0.0, *state.pose[:2], state.twist[0])
+        self.stall.add_position(0.0, *state.pose[:2], state.twist[0])
         simulated.send_goal()
         recorder = self._recorder
         recorder.moved(0.0, state.pose, state.twist)
@@ -257,7 +256,7 @@ class CourseDrive:
                 break
         self._period_count += 1
         state = self.simulated.state
-        has_stalled = self.stall.update(self.seconds, *state.pose[:2], state.twist[0])
+        has_stalled = self.stall.add_position(self.seconds, *state.pose[:2], state.twist[0])
         if not self.has_ended:
             self._end(self.rules.judge_period(self.period, self._period_count, has_stalled))
         goal = self.world.course.goal
@@ -279,10 +278,10 @@ class CourseDrive:
         self._record_planner(tick)
         recorder = self._recorder
         smallest_range = nearest(self.simulated.ranges, self.simulated.robot.laser.range_min)
-        recorder.measured(begin_time, smallest_range)
+        recorder.add_row("clearances", begin_time, nearest=smallest_range)
         recorder.moved(self.seconds, tick.after.pose, tick.after.twist)
         if tick.after.contact:
-            recorder.touched(self.seconds)
+            recorder.contacts.append(self.seconds)
         self._end(self.rules.judge(tick, self._destination))
 
     def apply(self, theta: np.ndarray) -> np.ndarray:
@@ -291,9 +290,9 @@ class CourseDrive:
         They go through the same reconfigure servers as over ROS.
         """
         in_force = self.simulated.stack.move_base.put_in_force(self._space.settings(theta))
-        if self._record:
+        if self._recorder.everything:
             for server, values in in_force.items():
-                self._recorder.changed(self.seconds, server, values)
+                self._recorder.add_row("changes", self.seconds, server=server, values=dict(values))
         return self._space.read_back(in_force)
 
     @cached_property
@@ -320,7 +319,7 @@ class CourseDrive:
         self._scanned = ranges
         self._plan = plan
         smallest_range = nearest(ranges, self.simulated.robot.laser.range_min)
-        self._recorder.observed(self.seconds, smallest_range)
+        self._recorder.add_row("observed", self.seconds, nearest=smallest_range)
 
     def _record_end(self) -> None:
         """Record what a decision at the end of the course would see."""
@@ -336,7 +335,7 @@ class CourseDrive:
 
     def _record_planner(self, tick: Tick) -> None:
         """Record what outcomes and pictures do not need."""
-        if not self._record:
+        if not self._recorder.everything:
             return
         recorder = self._recorder
         before = tick.before
@@ -344,17 +343,20 @@ class CourseDrive:
         seconds = before.time - self._began
         recorder.localised(seconds, tick.planner_pose, before.odom_twist)
         if tick.scan is not None:
-            recorder.scanned(seconds, tick.scan)
+            scan = tick.scan
+            fan = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+            recorder.add_row("scans", seconds, stamp=seconds, fan=fan, ranges=scan.ranges)
         if step.cycle.recovery is not None:
-            recorder.recovered(seconds)
+            recorder.recoveries.append(seconds)
         if step.cycle.new_plan:
             self._record_route(seconds)
         if step.cycle.controlled:
             self._record_control(seconds, step.cycle.command)
         if step.verdict is not None:
-            recorder.judged(seconds, step.verdict)
+            verdict = step.verdict
+            recorder.add_row("verdicts", seconds, action=verdict.action, reason=verdict.reason)
         if step.command is not None:
-            recorder.commanded(seconds, step.command)
+            recorder.add_row("commands", seconds, twist=step.command)
 
     def _record_route(self, seconds: float) -> None:
         """Record the global plan in the frame of the odometry, as the other columns."""
@@ -362,12 +364,14 @@ class CourseDrive:
         route = np.array(move_base.global_plan)
         if move_base.local_origin is not None:
             route = transformed(route, inverse(move_base.local_origin))
-        self._recorder.routed(seconds, route)
+        self._recorder.add_row("routes", seconds, path=route)
 
     def _record_control(self, seconds: float, command: Optional[Twist]) -> None:
         """Record what the local planner rejected, and its command if it has one."""
         move_base = self.simulated.stack.move_base
         planner = move_base.local_planner
-        self._recorder.refused(seconds, planner.refusals(move_base.local_costmap))
+        refusals = planner.refusals(move_base.local_costmap)
+        self._recorder.add_row("refusals", seconds, critics=refusals)
         if command is not None:
-            self._recorder.planned(seconds, command, np.array(planner.cropped_plan))
+            self._recorder.add_row("planned", seconds, twist=command)
+            self._recorder.add_row("plans", seconds, path=np.array(planner.cropped_plan))

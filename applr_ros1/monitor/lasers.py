@@ -7,10 +7,9 @@ from typing import Iterable, Iterator, List, Optional
 
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import ObstacleMemory
-from applr_ros1.monitor.moving import CertainTracks
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.movers.tracker import MoverTracker
+from applr_ros1.movers.tracker import NO_MOVERS, MoverTracker
 
 # Number of scans after which a laser belongs to the robot: if it falls silent, the robot stops.
 ESTABLISHED_SCANS = 50
@@ -18,7 +17,7 @@ LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let g
 
 
 class WatchedLaser:
-    """State of one laser: obstacle memory, trackers, fault check, and its latest scan.
+    """State of one laser: obstacle memory, tracker, fault check, and its latest scan.
 
     Attributes:
         topic: name of its topic, "" for that of the robot's first laser.
@@ -28,25 +27,19 @@ class WatchedLaser:
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s], None before the first one.
         count: number of scans since the start.
-        suspects: what moves in the odometry's frame, where slipping wheels move what stands, too.
-        movers: what moves in the frame of corrected poses.
+        tracker: tracker of what moves in its scans.
+        movers: moving obstacles of the latest valid scan whose velocities are certain, in the
+            odometry's frame.
     """
 
-    def __init__(
-        self,
-        settings: MonitorSettings,
-        topic: str,
-        frame: Optional[str] = None,
-        tracker: Optional[MoverTracker] = None,
-    ):
+    def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
         self.topic = topic
         self.frame = frame
         self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
         limits = settings.max_speed, settings.max_yaw_rate, settings.scan_period
-        self.suspects = CertainTracks(tracker or MoverTracker(*limits))
-        self.movers = CertainTracks(MoverTracker(*limits))
+        self.tracker = MoverTracker(*limits)
         self.count = 0
         self.clear()
 
@@ -69,8 +62,8 @@ class WatchedLaser:
 
     def forget_tracks(self) -> None:
         """Forget what moves, because poses are corrected anew."""
-        self.suspects.clear()
-        self.movers.clear()
+        self.tracker.reset()
+        self.movers = NO_MOVERS
 
 
 class Lasers:
@@ -83,18 +76,11 @@ class Lasers:
     Args:
         settings: settings of the monitor.
         more_topics: names of further lasers' topics; that of the robot's first laser is "".
-        tracker: tracker that already follows the first laser's scans in the odometry's frame; None
-            without one.
     """
 
-    def __init__(
-        self,
-        settings: MonitorSettings,
-        more_topics: Iterable[str],
-        tracker: Optional[MoverTracker] = None,
-    ):
+    def __init__(self, settings: MonitorSettings, more_topics: Iterable[str]):
         self._settings = settings
-        self._lasers = [WatchedLaser(settings, "", tracker=tracker)]
+        self._lasers = [WatchedLaser(settings, "")]
         for topic in more_topics:
             self._lasers.append(WatchedLaser(settings, topic))
 

@@ -11,13 +11,12 @@ from typing import Deque, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, Twist
+from applr_ros1.common.angles import Pose, Twist, transform_point
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import moving, stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.lasers import Lasers, WatchedLaser
-from applr_ros1.monitor.matched_frame import MatchedFrame
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
@@ -38,7 +37,6 @@ from applr_ros1.monitor.stopping import (
     SafeScale,
     SeenCells,
 )
-from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.robots import JACKAL
 
 PASS = "pass"
@@ -159,7 +157,6 @@ class CollisionMonitor:
     Args:
         settings: settings of the base; None for the Jackal's.
         more_scans: topics of further lasers. Only the first laser corrects the pose (ScanMatcher).
-        tracker: tracker that already follows the first laser's scans (Lasers).
 
     Attributes:
         fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
@@ -169,15 +166,10 @@ class CollisionMonitor:
         silence: time after a command at which the base must be braked() unless another command
             arrives [s].
         strays: lasers that the latest scan has let go.
-        matched_frame: frame of corrected poses for planners.
+        matcher: the ScanMatcher; planners may drive in the frame of its corrected poses.
     """
 
-    def __init__(
-        self,
-        settings: Optional[MonitorSettings] = None,
-        more_scans: Iterable[str] = (),
-        tracker: Optional[MoverTracker] = None,
-    ):
+    def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
         self.settings = settings or MonitorSettings.of(JACKAL)
         outline = self.settings.body
         self._body = BodyOutline.of(outline, self.settings.margin)
@@ -191,10 +183,9 @@ class CollisionMonitor:
         corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
         self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self.lasers = Lasers(self.settings, more_scans, tracker)
+        self.lasers = Lasers(self.settings, more_scans)
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
-        self.matched_frame = MatchedFrame()
         self.motion = PoseMotion()
         self.reset()
 
@@ -211,7 +202,6 @@ class CollisionMonitor:
         self.strays: List[WatchedLaser] = []
         self.seen.clear()
         self.matcher.clear()
-        self.matched_frame.clear()
         self.motion.clear()
         self.ages = Ages(scan=0.0, pose=0.0, twist=0.0)
         self._pose: Optional[Pose] = None  # latest pose of the odometry
@@ -253,13 +243,15 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
-        suspects = laser.suspects.update(scan)
+        # In the odometry's frame, what stands would seem to move while the wheels slip.
+        laser.tracker.frame = self.matcher.correction
+        movers = laser.tracker.update(scan).certain()
+        laser.movers = movers
+        is_partial = len(movers.x) > 0
 
         # The first laser corrects the pose, before any point of the scan is stored.
-        correction_before = self.matcher.correction
         if laser is self.lasers.first:
-            is_partial = len(suspects.x) > 0
-            self.matcher.add_scan(without_movers(scan, suspects), is_partial)
+            self.matcher.add_scan(without_movers(scan, movers), is_partial)
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (
@@ -268,16 +260,11 @@ class CollisionMonitor:
                 )
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
 
-        # While the wheels slip, what stands seems to move in the odometry's frame. In that of the
-        # corrected poses only what moves does.
-        movers = laser.movers.update(scan)
-        if not len(suspects.x) and not len(movers.x):
-            self.matched_frame.follow(self.matcher, correction_before)
-
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
         self.seen.forget(laser.memory.update(scan))
-        laser.memory.doubt(movers.x, movers.y, movers.radius + ON_MOVER_M)
+        x, y = transform_point(self.matcher.correction, movers.x, movers.y)
+        laser.memory.doubt(x, y, movers.radius + ON_MOVER_M)
         self.seen.update(scan)
         return laser.fault
 
@@ -288,8 +275,8 @@ class CollisionMonitor:
         if self.strays:
             self.seen.clear()
         if self.lasers.first is not first_laser:
-            # The poses were corrected by the scans of the stray.
-            self.matcher.clear()
+            # The references are scans of the stray.
+            self.matcher.forget_scans()
             self._forget_place()
             for watched in self.lasers:
                 watched.forget_tracks()
@@ -341,6 +328,7 @@ class CollisionMonitor:
         problem = problem or self._frozen(time - pose_age, pose, twist)
         if problem:
             return Verdict.stop(self.braked(time, v), problem)
+        discs = self._discs(pose, time - pose_age)
         pose = self.matcher.corrected(pose)
         self.motion.take(time - pose_age, pose, v)
         pose_velocity = self.motion.velocity
@@ -349,7 +337,6 @@ class CollisionMonitor:
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
             return Verdict.stop(self.braked(time, v), problem)
 
-        discs = self._discs(pose, time - pose_age)
         verdict = self._judge(pose, self.motions(twist), discs, command, creeps)
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
         # output counts.
@@ -465,7 +452,7 @@ class CollisionMonitor:
         """Return where moving obstacles may be.
 
         Args:
-            pose: corrected pose (x, y, yaw) of the robot.
+            pose: pose (x, y, yaw) of the robot in the odometry's frame.
             stamp: time of this pose [s].
         """
         discs = []
@@ -473,10 +460,10 @@ class CollisionMonitor:
             if laser.stamp is None:
                 continue
             age = stamp - laser.stamp
-            movers = laser.movers.latest
-            if len(movers.x):
+            if len(laser.movers.x):
                 acceleration = self.settings.mover_acceleration
-                discs.append(tracked_discs(movers, self._body.planes, pose, age, acceleration))
+                planes = self._body.planes
+                discs.append(tracked_discs(laser.movers, planes, pose, age, acceleration))
         return np.concatenate(discs) if discs else NO_DISCS
 
     def _judge(

@@ -1,7 +1,8 @@
 """Velocity of the base derived from its poses, beside the velocity in the odometry message.
 
-CollisionMonitor holds one PoseMotion. The poses are corrected by ScanMatcher. They therefore show
-lateral slip, and the true motion if the sign or size of the odometry's velocity is wrong.
+CollisionMonitor holds one PoseMotion. The poses are corrected by ScanMatcher, which alone estimates
+how the wheels slip. They therefore show lateral slip, and the true motion if the sign or size of
+the odometry's velocity is wrong.
 """
 
 import math

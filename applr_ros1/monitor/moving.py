@@ -17,15 +17,11 @@ from applr_ros1.common.angles import Pose, inverse, transform_motions, transform
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, beam_directions
-from applr_ros1.movers.tracker import Movers, MoverTracker
+from applr_ros1.movers.tracker import Movers
 
 # Standard deviations of a tracked position by which its disc is larger. Half of the filter's
 # deviation, 0.08 m/s, is more than the median error that was measured for the Jackal.
 DEVIATIONS = 0.5
-# Largest standard deviation of the velocity of a track that begins to count [m/s]. Moving obstacles
-# in full view have 0.16 to 0.26 m/s. Static clusters that are seen in parts, and seem to move for a
-# moment, have more.
-CERTAIN_M_S = 0.28
 ON_MOVER_M = 0.2  # distance from a tracked disc within which a range ends on it [m]
 # Time after a stop for which the base should stand out of the way of what moves, and step of the
 # check
@@ -65,36 +61,6 @@ class BodyPose(NamedTuple):
     y: float
     cos_yaw: float
     sin_yaw: float
-
-
-class CertainTracks:
-    """Tracked obstacles in one frame whose velocities are, or were, certain enough to act on.
-
-    Attributes:
-        latest: those in the latest scan.
-    """
-
-    def __init__(self, tracker: MoverTracker):
-        self._tracker = tracker
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget all tracks."""
-        self._tracker.reset()
-        self.latest = self._tracker.movers
-
-    def update(self, scan: LaserScan) -> Movers:
-        """Follow the tracks in a scan, and return those that are certain."""
-        movers = self._tracker.update(scan)
-        if not len(movers.id):
-            self.latest = movers
-            return movers
-        is_certain = movers.covariance[:, 2] <= CERTAIN_M_S**2
-        is_certain |= (movers.id[:, None] == self.latest.id).any(axis=1)
-        if not is_certain.all():
-            movers = Movers(*(values[is_certain] for values in movers))
-        self.latest = movers
-        return movers
 
 
 def tracked_discs(
@@ -139,7 +105,7 @@ def without_movers(scan: LaserScan, movers: Movers) -> LaserScan:
 def warm_up(scan: LaserScan) -> None:
     """Compile or load the kernel that runs only once something moves."""
     ones = np.ones(1)
-    without_movers(scan, Movers(ones, ones, ones, ones, ones, ones, np.ones((1, 3))))
+    without_movers(scan, Movers(ones, ones, ones, ones, ones, ones, np.ones((1, 3)), ones > 0.0))
 
 
 @kernel

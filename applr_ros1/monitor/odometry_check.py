@@ -1,6 +1,7 @@
 """Comparison of what odometry states twice: the motion of the base, by its twists and by its poses.
 
-The planner believes both. Home-made drivers and scan matchers often leave one of them at 0.
+The planner believes both. Home-made drivers and scan matchers often leave one of them at 0. Wheels
+that slip move both.
 """
 
 from __future__ import annotations

@@ -33,16 +33,19 @@ ROOM_M = 0.19
 class Prediction:
     """Predictor of obstacle points for one robot.
 
+    Args:
+        robot: the robot.
+        tracker: tracker of its scans, which a monitor beside may have updated before.
+
     Attributes:
-        tracker: tracker of the scans, which a monitor beside may share.
         movers: moving obstacles in the latest scan.
         points: (n, 3) float32, predicted obstacle points in the frame of the costmap [m].
         room: minimum gap between a predicted disc and the robot's centre [m]. Nearer discs would
             only block the robot.
     """
 
-    def __init__(self, robot: Robot):
-        self.tracker = MoverTracker.of(robot)
+    def __init__(self, robot: Robot, tracker: MoverTracker):
+        self._tracker = tracker
         self._robot_in_laser = inverse(robot.laser.pose)  # the robot's pose in the laser's frame
         length, width, _ = robot.body.size
         centre_x, centre_y = robot.body.centre
@@ -52,9 +55,9 @@ class Prediction:
 
     def reset(self) -> None:
         """Forget all scans and moving obstacles."""
-        self.tracker.reset()
+        self._tracker.reset()
         self._clears_until = -math.inf  # stamp until which beams without return clear [s]
-        self.movers = self.tracker.movers
+        self.movers = self._tracker.movers
         self.points = np.empty((0, 3), np.float32)
 
     def add_scan(self, scan: LaserScan) -> SensorCloud:
@@ -64,7 +67,7 @@ class Prediction:
         return, which clear old predictions. The cloud is in the frame of the costmap, and empty
         if no obstacle has moved within this time.
         """
-        self.movers = self.tracker.update(scan)
+        self.movers = self._tracker.update(scan)
         self.points = np.empty((0, 3), np.float32)
         if len(self.movers.x):
             self.points = self._predicted(scan)

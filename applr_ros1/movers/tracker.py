@@ -31,7 +31,8 @@ class Movers(NamedTuple):
 
     id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius
     of the disc [m]. covariance: (n, 3) variance of the position [m^2], covariance of position and
-    velocity [m^2/s], and variance of the velocity [m^2/s^2], along each axis.
+    velocity [m^2/s], and variance of the velocity [m^2/s^2], along each axis. is_certain: whether
+    the velocity is, or was, certain enough to act on.
     """
 
     id: np.ndarray
@@ -41,10 +42,18 @@ class Movers(NamedTuple):
     vy: np.ndarray
     radius: np.ndarray
     covariance: np.ndarray
+    is_certain: np.ndarray
+
+    def certain(self) -> Movers:
+        """Return those whose velocities are certain."""
+        return Movers(*(values[self.is_certain] for values in self))
 
 
 _NONE = np.empty(0)
-NO_MOVERS = Movers(np.empty(0, np.int64), _NONE, _NONE, _NONE, _NONE, _NONE, np.empty((0, 3)))
+_NO_NUMBER = np.empty(0, np.int64)
+_NO_COVARIANCE = np.empty((0, 3))
+_NO_ANSWER = np.empty(0, np.bool_)
+NO_MOVERS = Movers(_NO_NUMBER, _NONE, _NONE, _NONE, _NONE, _NONE, _NO_COVARIANCE, _NO_ANSWER)
 
 
 class MoverTracker:
@@ -56,12 +65,18 @@ class MoverTracker:
         max_yaw_rate: maximum turn rate of the base [rad/s].
         period: interval between two scans [s]. A laser that measures beam by beam takes this long
             for one scan, even if its driver reports less.
+
+    Attributes:
+        frame: Pose (x, y, yaw) [m, m, rad] of the odometry's frame in that of the tracks. Who knows
+            how the wheels have slipped so far sets it before a scan, so that what stands does not
+            seem to move.
     """
 
     def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
         self.max_speed = float(max_speed)
         self.max_yaw_rate = float(max_yaw_rate)
         self.period = float(period)
+        self.frame: Pose = (0.0, 0.0, 0.0)
         self._tracks = np.zeros(tracks.MAX_TRACKS, tracks.TRACK)
         # Points (x, y) [m] of each track in the latest SCANS scans, NaN where there is none.
         self._history = np.empty((SCANS, tracks.MAX_TRACKS, clusters.POINTS, 2))
@@ -85,8 +100,9 @@ class MoverTracker:
         self._history[:] = math.nan
         self._free.clear()
         self._last: Optional[Tuple[float, Pose]] = None  # stamp and pose of the last scan
-        # Pose correction of the odometry, from static tracks.
+        # Correction of poses in the frame of the tracks, from static tracks.
         self._correction: Pose = (0.0, 0.0, 0.0)
+        self._to_odometry: Pose = (0.0, 0.0, 0.0)
         # Filtered turn rate [rad/s] and speed [m/s], from odometry.
         self._turn_rate = 0.0
         self._speed = 0.0
@@ -103,7 +119,7 @@ class MoverTracker:
         Returns:
             The moving obstacles at the latest scan's stamp, empty if there are none.
         """
-        x, y, yaw = map(float, scan.sensor_pose)
+        x, y, yaw = map(float, compose(self.frame, scan.sensor_pose))
         interval = 0.0
         distance = 0.0
         turn_angle = 0.0
@@ -157,6 +173,7 @@ class MoverTracker:
         fan = fans[0]
         corrected: Pose = (float(fan["x"]), float(fan["y"]), float(fan["yaw"]))
         self._correction = compose(corrected, inverse(pose))
+        self._to_odometry = inverse(compose(self._correction, self.frame))
         self._next_id = tracks.begin(
             self._tracks, scan_clusters, is_taken, scan.stamp, self._next_id
         )
@@ -199,7 +216,7 @@ class MoverTracker:
             return NO_MOVERS
         moving_tracks = self._tracks[is_moving]
         motions = np.column_stack([moving_tracks[column] for column in ("x", "y", "vx", "vy")])
-        x, y, vx, vy = transform_motions(inverse(self._correction), motions).T
+        x, y, vx, vy = transform_motions(self._to_odometry, motions).T
         covariance = [moving_tracks["pp"], moving_tracks["pv"], moving_tracks["vv"]]
         return Movers(
             id=moving_tracks["id"],
@@ -209,6 +226,7 @@ class MoverTracker:
             vy=vy,
             radius=moving_tracks["radius"],
             covariance=np.column_stack(covariance),
+            is_certain=moving_tracks["certain"],
         )
 
 

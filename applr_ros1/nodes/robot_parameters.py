@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, Dict, Optional, Tuple
 
 from applr_ros1.common.arguments import frame_prefix
-from applr_ros1.common.trees import merged, without_empty
+from applr_ros1.planner.parameters.trees import merged, without_empty
 from applr_ros1.policy import methods
 from applr_ros1.robots import JACKAL, Robot, load
 

@@ -77,7 +77,7 @@ class Escape:
         """True if a recovery is due in place of another motion."""
         return self._tries >= TRIES
 
-    def instead(self, now: float, blocked: bool) -> Optional[Twist]:
+    def motion(self, now: float, blocked: bool) -> Optional[Twist]:
         """Return the escape motion to use instead of the planner's command, or None.
 
         Args:

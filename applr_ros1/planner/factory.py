@@ -66,9 +66,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         config: current configuration.
     """
     current = config[name]
-    costmap_layers = [
-        _make_layer(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)
-    ]
+    costmap_layers = [_make_layer(layer, config[layer.path]) for layer in layers(name, static)]
     # A costmap has its own track_unknown_space only if the files give one (check.complete).
     track_unknown = static.get("track_unknown_space", False)
     return Costmap(
@@ -83,14 +81,14 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     )
 
 
-def _make_layer(layer: LayerSection, static: Dict[str, Any], current: Mapping[str, Any]) -> Layer:
+def _make_layer(layer: LayerSection, current: Mapping[str, Any]) -> Layer:
     """Return a layer of a costmap.
 
     Args:
-        layer: name and kind of the layer.
-        static: branch of the layer in the complete parameter tree.
+        layer: section of the layer in the complete parameter tree.
         current: current values of its server.
     """
+    static = layer.values
     if layer.kind == INFLATION_LAYER:
         return InflationLayer(layer.name, InflationParameters(**current))
     if layer.kind == STATIC_LAYER:

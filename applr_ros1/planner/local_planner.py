@@ -73,13 +73,6 @@ class LocalPlanner(abc.ABC):
             ValueError: a value is invalid. Nothing is changed. The message has one line.
         """
 
-    @abc.abstractmethod
-    def reset(self) -> None:
-        """Clear plan, latches and flags, as in a new object, for training episodes.
-
-        Parameters stay.
-        """
-
     def end_escape(self) -> None:
         """Stop backing out and sample all velocities again, because the way back is blocked."""
         return  # Planners that never back out have nothing to do.

@@ -185,14 +185,14 @@ class MoveBase:
         if seed is not None:
             self._seed = seed
         if restore:
-            self._config.restore()
+            self._config.restore_start_up()
             self._outlines.clear()
         self._build()
 
     def clear_costmaps(self) -> None:
         """Clear both costmaps, the local one first. The next update marks the last scan again."""
-        self.local_costmap.clear()
-        self.global_costmap.clear()
+        self.local_costmap.reset_layers()
+        self.global_costmap.reset_layers()
 
     # -- maps --------------------------------------------------------------------------------------
     @property
@@ -314,7 +314,7 @@ class MoveBase:
         if scan is not None:
             global_frame, local_frame = self._global_frames
             is_placed = pose is not None or global_frame == local_frame
-            self._router.take(scan, now, local_origin, is_placed)
+            self._router.route(scan, now, local_origin, is_placed)
         self._update_maps(now, pose, cycle)
         cycle.silent = self._router.silent(now)
 
@@ -340,9 +340,9 @@ class MoveBase:
         if self.local_origin is not None:
             self._place_maps(self.local_origin)
         if local_is_due:
-            self.local_costmap.update(pose)
+            self.local_costmap.update_costs(pose)
         if global_is_due:
-            self.global_costmap.update(self.in_global_frame(pose))
+            self.global_costmap.update_costs(self.in_global_frame(pose))
         cycle.updated = (local_is_due, global_is_due)
 
     def _place_maps(self, local_origin: Pose) -> None:
@@ -483,7 +483,7 @@ class MoveBase:
             ParameterError: a value is invalid. All values are rejected.
         """
         old_values = self._config[server]
-        new_values = self._config.request(server, values)
+        new_values = self._config.result_of(server, values)
         changed_names = {name for name in new_values if new_values[name] != old_values[name]}
         # The planner may refuse, so it is asked before anything is changed.
         if server == self.local_planner_name:

@@ -70,7 +70,7 @@ class ObservationRouter:
         if source.sensor_frame:
             self.ray_origins.setdefault(source.topic, source.sensor_frame)
 
-    def take(
+    def route(
         self, sensed: Sensed, now: float, local_origin: Optional[Pose], placed: bool = True
     ) -> None:
         """Pass observations to the sources on their topics.
@@ -129,7 +129,7 @@ class ObservationRouter:
             if key not in clouds:
                 in_frame = observation if frame is None else moved(observation, frame)
                 clouds[key] = observe(in_frame, inf_is_valid)
-            buffer.take(clouds[key], now)
+            buffer.add_cloud(clouds[key], now)
 
     def silent(self, now: float) -> Optional[Tuple[str, float]]:
         """Return (topic, timeout [s]) of a source that has been silent for too long, or None.

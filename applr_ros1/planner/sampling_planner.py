@@ -351,10 +351,6 @@ class SamplingPlanner:
         """Pose and velocity (6,) used in the last cycle: wrapped and rounded to float32."""
         return np.array(self._scratch.start[0].item())
 
-    def reset(self) -> None:
-        """Clear the memory between cycles, as in a new object (for training episodes)."""
-        self._state[:] = np.zeros(1, self.STATE)
-
 
 def cost_cloud(
     costmap: Any,

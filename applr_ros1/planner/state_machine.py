@@ -388,7 +388,7 @@ class StateMachine:
             cycle.controlled = True
 
         # A robot that its monitor blocks is moved by short motions, and then gets a recovery.
-        motion = self._escape.instead(now, not is_valid)
+        motion = self._escape.motion(now, not is_valid)
         if motion is not None:
             local_planner.end_escape()
         if self._escape.is_exhausted:

@@ -126,7 +126,7 @@ class Policy(_FromFile):
     def reset(self, seed: int) -> None:
         """Forget the previous decisions at the start of a course."""
         self.encoding.period = self.period  # The node's ~period may have changed the period.
-        self.encoding.reset()
+        self.encoding.forget_decision()
 
     def action(self, observation: Any) -> Array32:
         """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n).

@@ -20,8 +20,8 @@ import numpy as np
 from applr_ros1.common.angles import inverse, transform_motions
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy.decision import Context, period_of
 from applr_ros1.policy.encoding import PAPER, Encoding, PaperEncoding
 from applr_ros1.policy.layout import TURN_RAD, Layout
@@ -174,7 +174,7 @@ class DimensionlessEncoding(Encoding):
         defaults = [_default(tree, robot.local_planner, output_name) for output_name in OUTPUTS]
         self._defaults = np.array(defaults, dtype=np.float64)
         self._description = _description(robot, tree, self.width, resolution)
-        self.reset()
+        self.forget_decision()
 
     def to_metadata(self) -> Dict[str, Any]:
         """Return version, period and base, which do not depend on the robot."""
@@ -187,7 +187,7 @@ class DimensionlessEncoding(Encoding):
             raise ApplrError(f"its observation is {metadata['observation']}: {VERSION} is needed")
         return cls(robot, period_of(metadata), metadata["base"])
 
-    def reset(self) -> None:
+    def forget_decision(self) -> None:
         """Forget the previous decision at the start of a course."""
         self._previous: Optional[Tuple[np.ndarray, Context]] = None  # scan entries and Context
 

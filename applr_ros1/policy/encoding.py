@@ -144,7 +144,7 @@ class Encoding:
         """
         raise NotImplementedError
 
-    def reset(self) -> None:
+    def forget_decision(self) -> None:
         """Forget the previous decision at the start of a course."""
 
     def observe(self, context: Context) -> np.ndarray:

@@ -21,12 +21,12 @@ from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap.footprint import passing_radius
 from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
 from applr_ros1.robots.robot import Target

@@ -13,7 +13,7 @@ beyond the limit (nodes/move_base/node.py).
 from __future__ import annotations
 
 import math
-from typing import Any, Mapping, NamedTuple, Optional
+from typing import Mapping, NamedTuple, Optional
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class Pilot:
     Attributes:
         space: Parameter space of the robot, below the speed limit.
         misses: Number of successive periods without a decision.
+        stall_rule: Stall rule.
         by_hand: Choice of a person, which drives while the method is off; None without one.
     """
 
@@ -80,7 +81,7 @@ class Pilot:
         self.misses = 0
         self.by_hand: Optional[Choice] = None
         self._period = period
-        self._stall_rule = StallRule(robot)
+        self.stall_rule = StallRule(robot)
 
     @property
     def period(self) -> float:
@@ -88,11 +89,6 @@ class Pilot:
         if self._period is not None:
             return self._period
         return self.method.period
-
-    @property
-    def stalled_decisions(self) -> int:
-        """Number of decisions of the stall rule so far, in all courses."""
-        return self._stall_rule.count
 
     @property
     def has_lost_method(self) -> bool:
@@ -105,7 +101,7 @@ class Pilot:
         Raises what the method raises, which may be user code. The course has begun nevertheless.
         """
         self.misses = 0
-        self._stall_rule.reset(seed)
+        self.stall_rule.begin_course(seed)
         self.method.period = self.period  # The observation may depend on the period.
         self.method.reset(seed)
 
@@ -132,7 +128,7 @@ class Pilot:
             advice = f"use {', '.join(self.space.names)}"
             raise ApplrError(f"unknown parameter {shown(unknown_names[0])}: {advice}")
         changed = {**self.space.as_dict(theta), **values}
-        self.by_hand = Choice(self.limited(list(changed.values())), False, BY_HAND)
+        self.by_hand = Choice(self.space.clip(list(changed.values())), False, BY_HAND)
         return self.by_hand
 
     def observe(self, theta: Array, seen: Seen) -> Context:
@@ -154,12 +150,12 @@ class Pilot:
         Raises what the method raises, and ApplrError if its parameters are not finite.
         """
         theta = self.method.theta(context)
-        redrawn = self._stall_rule.instead(self.method, context, theta)
-        clears_costmaps = self._stall_rule.clears_costmaps
+        redrawn = self.stall_rule.redraw(self.method, context, theta)
+        clears_costmaps = self.stall_rule.clears_costmaps
         if redrawn is None:
             choice = self._chosen(theta, clears_costmaps)
         else:
-            theta = self._with_ordered_speeds(self.limited(redrawn))
+            theta = self._with_ordered_speeds(self.space.clip(redrawn))
             choice = Choice(theta, clears_costmaps, STALL)
         self.misses = 0
         return choice
@@ -186,23 +182,13 @@ class Pilot:
 
     def defaults(self) -> Choice:
         """Return the robot's default parameters, theta_0."""
-        return Choice(self.limited(self._full_space.theta0), False, DEFAULTS)
+        return Choice(self.space.clip(self._full_space.theta0), False, DEFAULTS)
 
     def _chosen(self, theta: Array, clears_costmaps: bool = False) -> Choice:
         """Return the choice of the method, which may be that of the default parameters."""
         is_default = np.array_equal(theta, self._full_space.theta0)
         why = DEFAULTS if is_default else METHOD
-        return Choice(self.limited(theta), clears_costmaps, why)
-
-    def limited(self, theta: Any) -> Array:
-        """Return the nearest parameters (n,) within the ranges and the speed limit.
-
-        Counts are rounded. The reconfigure servers then bound each value once more.
-
-        Raises:
-            ApplrError: The length is wrong or a value is not finite.
-        """
-        return self.space.clip(theta)
+        return Choice(self.space.clip(theta), clears_costmaps, why)
 
     def _with_ordered_speeds(self, theta: Array) -> Array:
         """Return parameters (n,) whose smallest speed ahead is at most the largest one.

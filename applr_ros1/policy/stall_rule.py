@@ -65,11 +65,11 @@ class StallRule:
         self._encoding = DimensionlessEncoding(robot, PERIOD)
         self._stuck = Stuck(robot.world_scale)
         self._goal_tolerance = robot.goal_tolerance
-        self.reset(0)
+        self.begin_course(0)
 
-    def reset(self, seed: int) -> None:
+    def begin_course(self, seed: int) -> None:
         """Forget the positions at the start of a course, and seed the draws."""
-        self._stuck.reset()
+        self._stuck.forget_decisions()
         self._draws = np.random.default_rng([seed, SEED])
         self._end()
 
@@ -79,14 +79,14 @@ class StallRule:
         self._last_clearing = -math.inf  # time of the last clearing of the costmaps [s]
         self.clears_costmaps = False
 
-    def instead(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
+    def redraw(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
         """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these.
 
         The Pilot clips them, and orders the smallest and the largest speed.
         """
         plan_leads_back = _leads_back(context)
         v, _ = context.twist
-        is_stuck = self._stuck.update(context.time, context.pose, v, plan_leads_back)
+        is_stuck = self._stuck.add_decision(context.time, context.pose, v, plan_leads_back)
         # A robot that stands within the tolerance has arrived, or turns to the goal's heading.
         goal_distance = math.dist(context.pose[:2], context.goal[:2])
         has_arrived = goal_distance <= self._goal_tolerance
@@ -104,7 +104,7 @@ class StallRule:
             phase = self._begin(context.time, leads_back, is_first=True)
         elif phase.leads_back != leads_back:
             phase = self._begin(context.time, leads_back, is_first=leads_back)
-        elif phase.has_ended(context.time, v, self._stuck.stands):
+        elif phase.is_over(context.time, v, self._stuck.stands):
             phase = self._begin(context.time, leads_back, is_first=not phase.is_first)
         if not phase.values:
             return None
@@ -154,7 +154,7 @@ class _Phase:
         self._began = began
         self._has_driven_back = False
 
-    def has_ended(self, time: float, v: float, stands: bool) -> bool:
+    def is_over(self, time: float, v: float, stands: bool) -> bool:
         """Return whether the phase is over.
 
         Args:

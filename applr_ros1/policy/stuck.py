@@ -56,15 +56,15 @@ class Stall:
 
     def __init__(self, scale: float):
         self.required = STALL_DISTANCE_M * scale
-        self.reset()
+        self.forget_positions()
 
-    def reset(self) -> None:
+    def forget_positions(self) -> None:
         """Forget all positions at the start of a course."""
         self.share = 1.0
         # Time [s], x [m] and y [m] of the latest decisions
         self._past: Deque[Tuple[float, float, float]] = deque()
 
-    def update(self, time: float, x: float, y: float, v: float) -> bool:
+    def add_position(self, time: float, x: float, y: float, v: float) -> bool:
         """Add a position, and return whether the robot has stalled.
 
         Args:
@@ -100,16 +100,16 @@ class DeadEnd:
 
     def __init__(self, scale: float):
         self._scale = scale
-        self.reset()
+        self.forget_poses()
 
-    def reset(self) -> None:
+    def forget_poses(self) -> None:
         """Forget all poses."""
         self.stands = False
         # Time [s] and pose of the latest decisions, and of those since the plan has led back
         self._past: Deque[Tuple[float, Pose]] = deque()
         self._past_backward: Deque[Tuple[float, Pose]] = deque()
 
-    def update(self, time: float, pose: Pose, leads_back: Optional[bool]) -> bool:
+    def add_pose(self, time: float, pose: Pose, leads_back: Optional[bool]) -> bool:
         """Add a pose, and return whether the robot is in a dead end.
 
         Args:
@@ -118,7 +118,7 @@ class DeadEnd:
             leads_back: Whether the plan leads back; None without a plan, or near its end.
         """
         if leads_back is None:
-            self.reset()
+            self.forget_poses()
             return False
         self._past.append((time, pose))
         self.stands = _stays(self._past, STANDING_M * self._scale, STANDING_RAD)
@@ -142,12 +142,12 @@ class Stuck:
     def __init__(self, scale: float):
         self._stall = Stall(scale)
         self._dead_end = DeadEnd(scale)
-        self.reset()
+        self.forget_decisions()
 
-    def reset(self) -> None:
+    def forget_decisions(self) -> None:
         """Forget all positions at the start of a course."""
-        self._stall.reset()
-        self._dead_end.reset()
+        self._stall.forget_positions()
+        self._dead_end.forget_poses()
         self._begin_place: Optional[Tuple[float, float]] = None  # place at which it got stuck [m]
 
     @property
@@ -155,7 +155,7 @@ class Stuck:
         """True if the robot has stood for DEAD_END_S."""
         return self._dead_end.stands
 
-    def update(self, time: float, pose: Pose, v: float, leads_back: Optional[bool]) -> bool:
+    def add_decision(self, time: float, pose: Pose, v: float, leads_back: Optional[bool]) -> bool:
         """Add a pose, and return whether the robot is stuck.
 
         Args:
@@ -165,8 +165,8 @@ class Stuck:
             leads_back: Whether the plan leads back; None without a plan, or near its end.
         """
         x, y, _ = pose
-        has_stalled = self._stall.update(time, x, y, v)
-        is_in_dead_end = self._dead_end.update(time, pose, leads_back)
+        has_stalled = self._stall.add_position(time, x, y, v)
+        is_in_dead_end = self._dead_end.add_pose(time, pose, leads_back)
         if self._stall.comes_out(v):
             is_stuck = False
         elif self._begin_place is None:

@@ -18,7 +18,6 @@ from pydantic import ValidationError
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import did_you_mean, remedy_of, shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import (
@@ -33,12 +32,14 @@ from applr_ros1.planner.parameters.layers import (
     INFLATION_LAYER,
     STATIC_LAYER,
     layers,
+    observation_sources,
     section_in_files,
 )
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import ParameterError
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import geometry
-from applr_ros1.robots.parameter_files import observation_sources, too_deep
+from applr_ros1.robots.parameter_files import too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter, Target
 
 WIDTH = 0.53  # width of the Jackal's padded footprint, for which the training worlds were made [m]
@@ -347,8 +348,8 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         for layer in layers(costmap, values, STATIC_LAYER):
             yield f"{costmap}/plugins has {layer.name}, but there is no map: remove this layer"
     problems = []
-    for layer_path, source_name, source in observation_sources(setup.full, costmap):
-        problems.append(_blind(f"{layer_path}/{source_name}", source, setup.robot))
+    for source in observation_sources(costmap, values):
+        problems.append(_blind(source.path, source.values, setup.robot))
     if problems and all(problems):
         yield problems[0]
     if costmap == "local_costmap" and not problems:
@@ -389,7 +390,7 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     if _has_no_footprint(setup, costmap):
         return
     robot = geometry.corners(setup.robot)
-    sizes = unlike_sizes(_outline(setup.full[costmap]), robot, UNITS)
+    sizes = unlike_sizes(footprint.padded(setup.full[costmap]), robot, UNITS)
     if sizes:
         parameter_names = f"{costmap}/footprint, robot_radius, footprint_padding"
         yield f"{parameter_names}: {sizes}; give all lengths in metres"
@@ -619,7 +620,7 @@ def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
 
 
 def _inflation_remarks(setup: _Setup) -> Iterator[Remark]:
-    """Yield layers of the global costmap that let plans lead through gaps narrower than the robot."""
+    """Yield layers of the global costmap that let plans lead through gaps that are too narrow."""
     costmap, _ = COSTMAPS
     values = setup.full[costmap]
     for layer in layers(costmap, values, INFLATION_LAYER):
@@ -668,9 +669,9 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
     elif costmap == "local_costmap":
         # Distances of both outlines in eight directions
         robot_reach = (geometry.corners(robot) @ DIRECTIONS).max(axis=0)
-        footprint_reach = (_outline(values) @ DIRECTIONS).max(axis=0)
+        footprint_reach = (footprint.padded(values) @ DIRECTIONS).max(axis=0)
         excess = (robot_reach - footprint_reach).max()
-        without_padding = _outline({**values, "footprint_padding": 0.0})
+        without_padding = footprint.padded({**values, "footprint_padding": 0.0})
         sizes = unlike_sizes(without_padding, geometry.corners(robot))
         if sizes:
             advice = "correct the footprint, or body in robot.yaml"
@@ -684,15 +685,13 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
             correction = dict.fromkeys(COSTMAPS, {"footprint": outline})
             yield Remark(f"local_costmap/footprint is too small: {problem}; {advice}", correction)
     laser_frame = robot.laser.frame
-    for layer_path, source_name, source in observation_sources(setup.full, costmap):
-        sensor_frame = source["sensor_frame"]
-        is_scan = not _differ(source["topic"], robot.topics.scan)
+    for source in observation_sources(costmap, values):
+        sensor_frame = source.values["sensor_frame"]
+        is_scan = not _differ(source.values["topic"], robot.topics.scan)
         if sensor_frame and is_scan and _differ(sensor_frame, laser_frame):
             problem = f"but laser.frame in robot.yaml is {laser_frame}"
             remedy = f"give {laser_frame} or omit it"
-            yield Remark(
-                f"{layer_path}/{source_name}/sensor_frame is {sensor_frame}, {problem}: {remedy}"
-            )
+            yield Remark(f"{source.path}/sensor_frame is {sensor_frame}, {problem}: {remedy}")
 
 
 def unlike_sizes(outline: Array, robot: Array, ratio: float = UNLIKE) -> str:
@@ -723,11 +722,6 @@ def unlike_sizes(outline: Array, robot: Array, ratio: float = UNLIKE) -> str:
 
 
 # --- helpers --------------------------------------------------------------------------------------
-
-
-def _outline(values: Dict[str, Any]) -> Array:
-    """Return the padded footprint (n, 2) of a costmap with these values [m]."""
-    return footprint.padded(values)
 
 
 def _has_no_footprint(setup: _Setup, costmap: str) -> bool:

@@ -158,6 +158,16 @@ def supports(base: Base) -> np.ndarray:
     return np.array([*wheel_places(base), *base.casters])
 
 
+def caster_radius(robot: Robot) -> float:
+    """Return the radius of a caster [m], a ball that fills the gap between ground and body.
+
+    It is small under a low body.
+    """
+    base = robot.base
+    clearance = base.wheel_radius - base.axle_height + robot.body.bottom
+    return max(clearance / 2, 0.1 * base.wheel_radius)
+
+
 def balance(robot: Robot) -> Balance:
     """Return mass, centre of mass and support loads of a robot.
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, by_name
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots.robot import Base, Body, SpaceParameter, Target, number_at
 
 # Servers, and kinds of servers, that own learnable parameters

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Callable, Dict, Iterator, Tuple
+from typing import Any, Callable, Dict, Iterator
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError, shown
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
-from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
+from applr_ros1.planner.parameters.layers import COSTMAPS
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.robots.file_kinds import kind_of
 
 # Sections below move_base that have files of their own
@@ -122,16 +122,6 @@ def check_resolved(tree: Dict[str, Any], path: str) -> None:
         elif "$(" in f"{name} {value}":
             problem = f"{name} is {shown(value)}, which only roslaunch can resolve"
             raise ApplrError(f"{path}: {problem}: {DUMP}")
-
-
-def observation_sources(
-    full: Dict[str, Any], costmap: str
-) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
-    """Yield (path of the layer, name, values) of a costmap's observation sources."""
-    for layer in layers(costmap, full[costmap], OBSTACLE_LAYER):
-        section = branch(full, layer.path)
-        for source_name in sources(section):
-            yield layer.path, source_name, section[source_name]
 
 
 def too_deep(tree: Dict[str, Any]) -> Iterator[str]:

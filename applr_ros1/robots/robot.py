@@ -18,11 +18,11 @@ from typing_extensions import Annotated, Literal
 
 from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.errors import ApplrError, did_you_mean, shown
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.obstacle_range import seeing
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.robots.parameter_files import nested, of_move_base
 
 FILE = "robot.yaml"
@@ -201,7 +201,7 @@ class Laser(Section):
         """True if the last beam is next to the first one, up to half a beam."""
         return self.view[1] - self.view[0] + 1.5 * self.increment >= 2.0 * pi
 
-    def pose_at(self, base: Pose) -> Pose:
+    def pose_for(self, base: Pose) -> Pose:
         """Return the pose (x, y, yaw) of the scanner if the base frame is at a pose."""
         x_in_base, y_in_base, yaw_in_base = self.pose
         x, y = transform_point(base, x_in_base, y_in_base)

@@ -68,7 +68,7 @@ def _casters(robot: Robot) -> Iterator[str]:
     """Yield the line of each caster, a ball that fills the space between ground and body."""
     base = robot.base
     ground_height = base.axle_height - base.wheel_radius
-    radius = max((robot.body.bottom - ground_height) / 2, 0.1 * base.wheel_radius)
+    radius = geometry.caster_radius(robot)
     ball_tag = f'<sphere radius="{radius:g}"/>'
     for x, y in base.casters:
         yield _visual((x, y, ground_height + radius), ball_tag, "black")

@@ -82,7 +82,7 @@ class StalledPlanner:
         """True from the first escape motion until the planner's commands have passed for a time."""
         return self._escape.is_held
 
-    def instead(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
+    def escape_motion(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
         """Return the escape motion (v [m/s], w [rad/s]) to drive, or None to keep the command.
 
         Args:
@@ -106,34 +106,27 @@ class StalledPlanner:
         if self._has_stood and not is_standing:
             self._escape.give_way()
         self._has_stood = is_standing
-        motion = self._escape.instead(now, is_standing)
+        motion = self._escape.motion(now, is_standing)
         return None if self._escape.is_exhausted else motion
 
 
-class CommandChain:
-    """Escape motions and a collision monitor, in the order in which they change a command.
+def judged(
+    command: Twist, motion: Optional[Twist], judge: Judge, planner: Optional[StalledPlanner]
+) -> Verdict:
+    """Return the verdict on a planner's command, or on the escape motion that replaces it.
 
     Args:
-        escapes: Detector of a stalled planner that makes no escape motions itself; None for one
-            that does.
+        command: (v, w) of the planner.
+        motion: (v, w) of the escape motion, if there is one.
+        judge: Judges one of them.
+        planner: Detector that is told what was blocked; None for a planner that makes escape
+            motions itself.
     """
-
-    def __init__(self, escapes: Optional[StalledPlanner] = None):
-        self.escapes = escapes
-
-    def escape(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
-        """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
-        return None if self.escapes is None else self.escapes.instead(now, command, progress)
-
-    def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
-        """Return the verdict on a planner's command, or on the escape motion that replaces it."""
-        judged_command = command
-        may_creep = True
-        if motion is not None:
-            judged_command = motion
-            # An escape motion is small: slowed to a creep, it would free nothing.
-            may_creep = False
-        verdict = judge(judged_command, may_creep)
-        if self.escapes is not None:
-            self.escapes.report_held(verdict.blocked)
-        return verdict
+    if motion is None:
+        verdict = judge(command, True)
+    else:
+        # An escape motion is small: slowed to a creep, it would free nothing.
+        verdict = judge(motion, False)
+    if planner is not None:
+        planner.report_held(verdict.blocked)
+    return verdict

@@ -22,7 +22,7 @@ from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.state_machine import NO_PLAN, Cycle
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner, across
+from applr_ros1.stack.command_chain import Progress, StalledPlanner, across, judged
 
 STANDING: Twist = (0.0, 0.0)
 
@@ -56,17 +56,18 @@ class Stack:
 
     def __init__(self, robot: Robot, move_base: MoveBase, *, monitor: bool, escapes: bool = True):
         self.move_base = move_base
-        self.prediction: Optional[Prediction] = None
-        tracker: Optional[MoverTracker] = None
-        if move_base.parameters["applr"]["movers"]:
-            self.prediction = Prediction(robot)
-            tracker = self.prediction.tracker
         self.monitor: Optional[CollisionMonitor] = None
+        tracker = MoverTracker.of(robot)
         if monitor:
-            self.monitor = CollisionMonitor(MonitorSettings.of(robot), tracker=tracker)
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
+            tracker = self.monitor.lasers.first.tracker
+        self.prediction: Optional[Prediction] = None
+        if move_base.parameters["applr"]["movers"]:
+            self.prediction = Prediction(robot, tracker)
         self.escapes = escapes
         self._matched_frame = robot.frames.matched
-        self._command_chain = CommandChain()
+        # Detector for a planner that makes no escape motions itself
+        self._stalled_planner: Optional[StalledPlanner] = None
         self._progress = Progress()  # the planner's latest plan
         self._command_time: Optional[float] = None  # time of its latest command [s]
 
@@ -77,16 +78,16 @@ class Stack:
             self.monitor.reset()
         if self.prediction is not None:
             self.prediction.reset()
-        self._command_chain = CommandChain()
+        self._stalled_planner = None
         self._progress = Progress()
         self._command_time = None
 
     def set_goal(self, goal: Pose, now: float) -> None:
         """Send a goal (x, y, yaw) in the frame of the global costmap at time `now` [s]."""
         self.move_base.set_goal(goal, now)
-        # A chain of an earlier goal would remember how long that one was not approached.
+        # A detector of an earlier goal would remember how long that one was not approached.
         if self.escapes and self.move_base.variant == CPP_LIKE:
-            self._command_chain = CommandChain(StalledPlanner(self.move_base.goal_tolerance))
+            self._stalled_planner = StalledPlanner(self.move_base.goal_tolerance)
 
     @property
     def goal_tolerance(self) -> float:
@@ -101,7 +102,7 @@ class Stack:
         """
         if self.monitor is None or self.move_base.global_frame != self._matched_frame:
             return None
-        return self.monitor.matched_frame.correction
+        return self.monitor.matcher.correction
 
     @property
     def movers(self) -> np.ndarray:
@@ -130,9 +131,13 @@ class Stack:
             they are the same.
         """
         planner_pose = pose
-        sensed = self._sensed(scan)
         # As on the robot, this scan is matched for the next cycle.
         correction = self.correction
+        # The monitor takes every scan, also while the planner commands nothing.
+        monitor = self.monitor
+        if monitor is not None and scan is not None:
+            monitor.add_scan(scan)
+        sensed = self._sensed(scan)
         if correction is not None:
             planner_pose = compose(correction, pose)
             sensed = _moved(sensed, correction)
@@ -141,17 +146,13 @@ class Stack:
             # If planning fails, move_base publishes an empty plan.
             plan = self.move_base.global_plan if cycle.new_plan else NO_PLAN
             self._progress = Progress(plan_time=now, distance=across(plan))
-        monitor = self.monitor
         if monitor is None:
             return Step(cycle, None, cycle.command)
-
-        # The monitor takes every scan, also while the planner commands nothing.
-        if scan is not None:
-            monitor.add_scan(scan)
         if cycle.command is None:
             return self._break_silence(monitor, now, pose, twist, cycle)
         self._command_time = now
-        verdict = self._supervise(monitor, now, pose, twist, cycle.command)
+        motion = self._escape_motion(now, cycle.command)
+        verdict = self._judged(monitor, now, pose, twist, cycle.command, motion)
         return Step(cycle, verdict, verdict.command)
 
     def _break_silence(
@@ -167,7 +168,7 @@ class Stack:
         silent_time = now - self._command_time + TIME_TOLERANCE_S
         if silent_time < monitor.silence:
             return Step(cycle, None, None)
-        motion = self._command_chain.escape(now, STANDING, self._progress_now)
+        motion = self._escape_motion(now, STANDING)
         if motion is not None:
             verdict = self._judged(monitor, now, pose, twist, STANDING, motion)
             return Step(cycle, verdict, verdict.command)
@@ -185,13 +186,6 @@ class Stack:
         scan_topic = next(iter(self.move_base.sources))
         return {scan_topic: scan, PREDICTED: self.prediction.add_scan(scan)}
 
-    def _supervise(
-        self, monitor: CollisionMonitor, now: float, pose: Pose, twist: Twist, command: Twist
-    ) -> Verdict:
-        """Return the verdict on the planner's command, or on an escape motion in its place."""
-        motion = self._command_chain.escape(now, command, self._progress_now)
-        return self._judged(monitor, now, pose, twist, command, motion)
-
     def _judged(
         self,
         monitor: CollisionMonitor,
@@ -206,16 +200,18 @@ class Stack:
         def judge(judged_command: Twist, may_creep: bool) -> Verdict:
             return monitor.filter(now, pose, twist, judged_command, creeps=may_creep)
 
-        verdict = self._command_chain.judged(command, motion, judge)
+        verdict = judged(command, motion, judge, self._stalled_planner)
         # A planner that makes its own escape motions must know that it is blocked.
-        if self._command_chain.escapes is None:
+        if self._stalled_planner is None:
             self.move_base.report_held(verdict.blocked)
         return verdict
 
-    @property
-    def _progress_now(self) -> Progress:
-        """The planner's goal and latest plan."""
-        return self._progress._replace(goal=self.move_base.goal)
+    def _escape_motion(self, now: float, command: Twist) -> Optional[Twist]:
+        """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
+        if self._stalled_planner is None:
+            return None
+        progress = self._progress._replace(goal=self.move_base.goal)
+        return self._stalled_planner.escape_motion(now, command, progress)
 
 
 def _moved(sensed: Optional[Sensed], frame: Pose) -> Optional[Sensed]:

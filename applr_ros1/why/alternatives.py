@@ -19,7 +19,7 @@ from applr_ros1.common.paths import distances, travelled
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.why.diagnosis import Diagnosis
-from applr_ros1.why.factors import other_values
+from applr_ros1.why.factors import values_to_try
 from applr_ros1.why.replay import Replay, ReplayedCycle, some
 
 _LOGGER = logging.getLogger(__name__)
@@ -149,7 +149,7 @@ def changes_to_try(replay: Replay) -> List[ChangesTogether]:
         for parameter in replay.planner.parameters(server):
             in_force = replay.settings[server].get(parameter.name, "")
             if not isinstance(in_force, str):
-                for other_value in other_values(parameter, in_force):
+                for other_value in values_to_try(parameter, in_force):
                     change = Change(server, parameter.name, in_force, other_value)
                     changes.append(together(replay.settings, change))
     return changes

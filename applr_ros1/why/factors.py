@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, List
 
 from applr_ros1.planner.parameters.parameter import Parameter
-from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.parameters.settings import ratio_of
 
 FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
 LEAST_CHANGE = 0.1  # smallest relative change that is tried
@@ -36,7 +36,7 @@ FUTILE = (
 )
 
 
-def other_values(parameter: Parameter, value: Any) -> List[Any]:
+def values_to_try(parameter: Parameter, value: Any) -> List[Any]:
     """Return the values to try instead of one, the nearest first: C++'s default, half and twice it.
 
     None of them lies beyond the default, where a change that helps is rarely found first. There are
@@ -55,9 +55,8 @@ def other_values(parameter: Parameter, value: Any) -> List[Any]:
     least_change = 0.0
     if isinstance(value, float):
         least_change = LEAST_CHANGE * abs(value)
-    changes = []
+    other_values = []
     for other_value in sorted(values):
         if other_value != value and abs(other_value - value) >= least_change:
-            changes.append(Change("", parameter.name, value, other_value))
-    changes.sort(key=lambda change: change.departure)
-    return [change.after for change in changes]
+            other_values.append(other_value)
+    return sorted(other_values, key=lambda other_value: ratio_of(value, other_value))

@@ -4,6 +4,7 @@ import builtins
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -20,7 +21,7 @@ from applr_ros1.common.arguments import boolean, number_within, pose
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
 from applr_ros1.common.progress import announced
-from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy.methods import load_module
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
@@ -49,6 +50,17 @@ def test_a_command_ends_in_one_line_and_a_status(capsys, outcome, status, line):
 
     assert run_main(command, "p") == status
     assert capsys.readouterr().err == line
+
+
+def test_output_that_nobody_reads_any_more_ends_in_silence(tmp_path, capsys, monkeypatch):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        assert run_main(lambda: print("a line"), "p") == 128 + signal.SIGPIPE
+        # What is left of it goes nowhere when Python ends.
+        print("another line", flush=True)
+    assert capsys.readouterr().err == ""
 
 
 def test_any_other_error_is_one_line_with_a_traceback_on_request(capsys, monkeypatch):

@@ -6,7 +6,6 @@ import io
 import numpy as np
 import pytest
 
-from applr_ros1.common.trees import merged
 from applr_ros1.drives.bag import rows_of
 from applr_ros1.drives.columns import (
     COLUMNS,
@@ -18,6 +17,7 @@ from applr_ros1.drives.columns import (
 )
 from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, DriveError, Rows
 from applr_ros1.drives.received import Received, drive_from
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.robots import JACKAL
 from applr_ros1.senses.standing import ACTIVE, PREEMPTING
 from applr_ros1.why.black_box.ring import HOLDING

@@ -31,7 +31,7 @@ def test_lists_of_a_log_are_copies():
 
 def test_a_row_without_one_of_its_fields_is_an_error():
     with pytest.raises(KeyError, match="twist"):
-        Recorder().add("commands", 0.0)
+        Recorder().add_row("commands", 0.0)
 
 
 def test_columns_without_rows_keep_their_width():

@@ -378,7 +378,7 @@ def test_the_pose_of_a_laser_that_is_mounted_aside_and_turned():
     laser = JACKAL.laser.model_copy(update={"pose": (0.1, 0.2, 0.5)})
     turned_left = 0.5 * math.pi
     expected = (1.0 - 0.2, 2.0 + 0.1, turned_left + 0.5)
-    assert laser.pose_at((1.0, 2.0, turned_left)) == pytest.approx(expected)
+    assert laser.pose_for((1.0, 2.0, turned_left)) == pytest.approx(expected)
 
 
 def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robot():

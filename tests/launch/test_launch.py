@@ -248,10 +248,10 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
 
     def move_to(*motion):
         motions.append(Reading(*motion))
-        observer.moved(motions[-1])
+        observer.take_motion(motions[-1])
         wheel_speed = speed if speed >= 0.5 else 1.0
         rolled = wheel_speed * (motions[-1].time - 1.0)
-        observer.localised(Reading(motions[-1].time, (rolled, 0.0, 0.0), (wheel_speed, 0.0)))
+        observer.take_odometry(Reading(motions[-1].time, (rolled, 0.0, 0.0), (wheel_speed, 0.0)))
 
     def check():
         """Move on by 0.1 s."""

@@ -518,7 +518,7 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
 
     def others_have_defaults():
         for role, server in client.servers.items():
-            if server.name != LAYERS[0] and not server.has(server.request(defaults[role])):
+            if server.name != LAYERS[0] and not server.has_set(server.bounded(defaults[role])):
                 return False
         return True
 

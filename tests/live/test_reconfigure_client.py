@@ -172,7 +172,7 @@ def test_a_restarted_server_is_called_with_any_last_values(client, calls):
     # A server publishes its description at its start alone: a second one is that of a new
     # process.
     with publishing(topic, description):
-        wait_for(lambda: not local_costmap.has({}), "the restart")
+        wait_for(lambda: not local_costmap.has_set({}), "the restart")
     for expected_calls in ({COSTMAPS[0]}, set()):
         assert applied(client, THETA_0)
         assert calls(len(expected_calls)) == expected_calls
@@ -279,7 +279,7 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     # The others took the set; this one has what it had.
     for role, server_client in client.servers.items():
         theta = THETA_0 if server_client.name == server else SPACE.high
-        assert server_client.has(server_client.request(SPACE.settings(theta)[role])), role
+        assert server_client.has_set(server_client.bounded(SPACE.settings(theta)[role])), role
     rospy.delete_param("/fake/" + fault)
     assert applied(client, SPACE.high)
 

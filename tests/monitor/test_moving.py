@@ -17,7 +17,6 @@ from applr_ros1.monitor.monitor import MOVER_COMES, PASS, CollisionMonitor
 from applr_ros1.monitor.moving import (
     DEVIATIONS,
     DISC,
-    CertainTracks,
     may_meet,
     tracked_discs,
     will_meet,
@@ -33,7 +32,7 @@ from applr_ros1.monitor.stopping import (
 )
 from applr_ros1.movers.tracker import Movers
 from sim_bridge.lidar import Lidar
-from tests.monitor.scenes import BODY, FRONT, SIDE, safe_scale_of
+from tests.monitor.scenes import AT_REST, BODY, FRONT, HERE, SIDE, safe_scale_of
 from tests.monitor.test_ways import braking_distance, smallest_passing
 
 PERIOD = 0.05  # control period [s]
@@ -101,7 +100,7 @@ def ride(robot, scene, seconds=4.0, **changes):
             break
         if cycle % scan_cycles == 0:
             discs = [(*centre, RADIUS) for centre in centres]
-            sensor_pose = laser.pose_at(pose)
+            sensor_pose = laser.pose_for(pose)
             scan = LaserScan(
                 time,
                 laser.first_angle,
@@ -234,28 +233,32 @@ def test_a_base_at_rest_lets_a_mover_pass_and_then_drives_on():
     assert MOVER_COMES not in result.reasons[-20:]
 
 
-def test_what_stands_moves_only_in_the_odometrys_frame_while_the_wheels_slip():
-    """The robot stands in a room with a post. Its odometry slides sideways at 0.5 m/s."""
+def test_what_stands_moves_for_nobody_while_the_wheels_slip():
+    """The robot stands in a room with a post. Its odometry slides sideways at 1 m/s for 1.5 s.
+
+    The tracker also predicts for the costmaps. What comes afterwards is seen where it is.
+    """
     robot = ROBOTS["jackal"]
     laser = robot.laser
     limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
     walls = [(3.0, 0.0, 0.0, 0.2, 8.0), (0.0, 3.0, 0.0, 8.0, 0.2), (0.0, -3.0, 0.0, 8.0, 0.2)]
     lidar = Lidar(laser, [(1.5, 0.3, RADIUS)], np.array(walls))
-    true_ranges = lidar.scan(*laser.pose_at((0.0, 0.0, 0.0)))
     rng = np.random.default_rng(0)
     monitor = CollisionMonitor(MonitorSettings.of(robot))
-    (watched,) = monitor.lasers
-    suspects = 0
-    movers = 0
-    for number in range(30):
+    tracker = monitor.lasers.first.tracker
+    tracked = 0
+    for number in range(60):
         stamp = number * PERIOD
-        ranges = true_ranges + rng.normal(0.0, 0.003, len(true_ranges))
-        slid_pose = laser.pose_at((0.0, 0.5 * stamp, 0.0))
-        monitor.add_scan(LaserScan(stamp, *limits, ranges, slid_pose))
-        suspects += len(watched.suspects.latest.id)
-        movers += len(watched.movers.latest.id)
-    assert suspects > 0
-    assert movers == 0
+        comes = np.array([(4.3 - stamp, 0.0, RADIUS)])
+        ranges = lidar.scan(*laser.pose_for(HERE), comes[: number >= 30])
+        ranges += rng.normal(0.0, 0.003, len(ranges)).astype(np.float32)
+        slid_pose = (0.0, min(stamp, 1.5), 0.0)
+        monitor.add_scan(LaserScan(stamp, *limits, ranges, laser.pose_for(slid_pose)))
+        if number < 30:
+            tracked += len(tracker.movers.id)
+    assert tracked == 0
+    verdict = monitor.filter(stamp, slid_pose, AT_REST, (0.5, 0.0))
+    assert verdict.reason == MOVER_COMES
 
 
 # -- one command -----------------------------------------------------------------------------------
@@ -332,6 +335,7 @@ def test_discs_are_in_the_robots_frame_and_parts_of_the_robot_are_none():
         vy=0.5 * one,
         radius=0.3 * one,
         covariance=np.array([[0.1, 0.2, 0.3], [0.01, 0.02, 0.03]]),
+        is_certain=one > 0.0,
     )
     robot_pose = (1.0, 1.0, 0.5 * math.pi)
     (seen,) = tracked_discs(movers, BODY.planes, robot_pose, 0.1, 1.5)
@@ -340,37 +344,11 @@ def test_discs_are_in_the_robots_frame_and_parts_of_the_robot_are_none():
     assert (seen["acceleration"], seen["age"]) == (1.5, 0.1)
 
 
-class ScriptedTracker:
-    """Tracker that reports given tracks: their IDs, and standard deviations of their velocities."""
-
-    def __init__(self, *reports):
-        self.movers = self.tracks_of([], [])
-        self.reports = list(reports)
-
-    @staticmethod
-    def tracks_of(ids, deviations):
-        zeros = np.zeros(len(ids))
-        covariance = np.column_stack([zeros, zeros, np.square(deviations)])
-        return Movers(np.array(ids), zeros, zeros, zeros, zeros, zeros, covariance)
-
-    def reset(self):
-        pass
-
-    def update(self, scan):
-        return self.tracks_of(*self.reports.pop(0))
-
-
-def test_a_track_counts_once_its_velocity_was_certain():
-    tracks = CertainTracks(ScriptedTracker(([1, 2], [0.2, 0.4]), ([1, 2, 3], [0.4, 0.4, 0.2])))
-    assert tracks.update(None).id.tolist() == [1]
-    assert tracks.update(None).id.tolist() == [1, 3]
-
-
 def test_what_moves_is_not_matched_as_what_stands():
     ranges = np.array([1.0, 1.0, 2.0, 2.0, np.inf], np.float32)
     scan = LaserScan(0.0, 0.0, 0.3, 0.1, 5.0, ranges, (0.0, 1.0, 0.0))
     one = np.ones(1)
-    movers = Movers(one, 1.1 * one, one, one, one, 0.15 * one, np.zeros((1, 3)))
+    movers = Movers(one, 1.1 * one, one, one, one, 0.15 * one, np.zeros((1, 3)), one > 0.0)
     unmatched = without_movers(scan, movers).ranges
     assert np.isnan(unmatched).tolist() == [True, True, False, False, False]
     assert (unmatched[2:] == ranges[2:]).all()

@@ -9,7 +9,7 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.movers.prediction import HORIZON_S, STEP_S, Prediction
-from applr_ros1.movers.tracker import Movers, MoverTracker
+from applr_ros1.movers.tracker import Movers
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.planner.parameters.layers import PREDICTED
@@ -34,7 +34,8 @@ class Perfect:
     def movers(self):
         """Return the rows as tracked obstacles."""
         x, y, vx, vy, radius = np.array(self.rows, dtype=float).reshape(-1, 5).T
-        return Movers(np.arange(len(x)), x, y, vx, vy, radius, np.zeros((len(x), 3)))
+        covariance = np.zeros((len(x), 3))
+        return Movers(np.arange(len(x)), x, y, vx, vy, radius, covariance, radius > 0.0)
 
     def update(self, scan):
         """Return the rows, whatever the scan."""
@@ -42,11 +43,10 @@ class Perfect:
 
 
 @pytest.fixture
-def stubbed(monkeypatch):
+def stubbed():
     """Return a Prediction for the Jackal and its tracker stub."""
     tracker = Perfect()
-    monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
-    return Prediction(JACKAL), tracker
+    return Prediction(JACKAL, tracker), tracker
 
 
 def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
@@ -114,11 +114,10 @@ def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed, measured, is_mark
         ("turtlebot3_burger", 0.21),
     ],
 )
-def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
+def test_no_disc_is_predicted_on_the_robot(name, room):
     tracker = Perfect()
     robot = robots.load(name)
-    monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
-    prediction = Prediction(robot)
+    prediction = Prediction(robot, tracker)
     # The radii are those of docs/explanation/movers.md.
     assert prediction.room == pytest.approx(room, abs=0.005)
 

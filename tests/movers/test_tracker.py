@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
-from applr_ros1.common.angles import compose
+from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
+from applr_ros1.movers.tracks import CERTAIN_M_S
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 
@@ -300,7 +301,10 @@ def test_slipping_wheels_cause_no_false_detections(laser, speed):
         pytest.param(0.0, 0.2, 2.4, id="turning"),
     ],
 )
-def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, seconds):
+@pytest.mark.parametrize("is_known", [False, True])
+def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, seconds, is_known):
+    """Pillars show the slip, or it is known beforehand up to the last scan."""
+
     def slips(time):
         slipping_time = max(0.0, time - 0.5)
         return speed * slipping_time, 0.0, turn_rate * slipping_time
@@ -308,8 +312,14 @@ def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, 
     def crosses(time):
         return [(2.8, -0.8 + time, 0.3)]
 
-    scene = Scene(cylinders=PILLARS)
-    watched = scene.watch(seconds, believed=slips, movers=crosses)
+    scene = Scene(cylinders=NO_CYLINDERS if is_known else PILLARS)
+
+    def corrects(scan):
+        if is_known:
+            scene.tracker.frame = inverse(slips(scan.stamp - 0.05))
+        return scan
+
+    watched = scene.watch(seconds, believed=slips, movers=crosses, distort=corrects)
     assert counts(watched)[-1] == 1
 
     # Place and velocity are those in the world, in the frame of the slipping odometry.
@@ -382,6 +392,16 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
     # Otherwise it may be dark, and is extrapolated.
     open_watched = Scene(boxes=wall).watch(3.0, movers=vanishes)
     assert 1.7 <= times_with_movers(open_watched)[-1] <= 1.8
+
+
+def test_a_velocity_that_was_once_certain_stays_so():
+    """The obstacle passes behind a wall, where its velocity is no longer measured."""
+    wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
+    watched = Scene(boxes=wall).watch(3.0, movers=lambda time: [(2.5, -1.2 + 1.2 * time, 0.25)])
+    known = [movers for _, movers in watched if len(movers.id)]
+    deviations = [math.sqrt(movers.covariance[0, 2]) for movers in known]
+    assert deviations[0] <= CERTAIN_M_S < deviations[-1]
+    assert [len(movers.certain().id) for movers in known] == [1] * len(known)
 
 
 @pytest.mark.parametrize("range_max", [30.0, 5.6, math.inf])

@@ -10,7 +10,9 @@ from applr_ros1.nodes.tools.machine_load import LATE, MachineLoad
 
 def report(load, **counters):
     """Take a report with counters."""
-    load.take(diagnostics("name", 0, "", {"another": "text", **counters}, rospy.Time(1)))
+    load.read_diagnostics(
+        diagnostics("name", 0, "", {"another": "text", **counters}, rospy.Time(1))
+    )
 
 
 def driven(skipped, decisions, late):

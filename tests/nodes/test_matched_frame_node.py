@@ -32,7 +32,7 @@ def broadcast(offline_ros):
 
 def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(broadcast):
     frame, messages = broadcast
-    frame.update(rospy.Time(10), CORRECTION)
+    frame.broadcast(rospy.Time(10), CORRECTION)
     ((transform,),) = (message.transforms for message in messages)
     assert transform.header.frame_id == "robot1/odom"
     assert transform.child_frame_id == "robot1/matched"
@@ -44,20 +44,20 @@ def test_the_frame_is_a_child_of_the_odometrys_which_may_have_another_parent(bro
 def test_it_is_broadcast_twenty_times_a_second_with_or_without_scans(broadcast):
     frame, messages = broadcast
     for centiseconds in range(100):
-        frame.update(rospy.Time(10, centiseconds * 10_000_000), CORRECTION)
+        frame.broadcast(rospy.Time(10, centiseconds * 10_000_000), CORRECTION)
     assert len(messages) == 20
     # A wall clock is set back a little, and a clock jumps.
     for is_jump, seconds in ((False, 10), (True, 3)):
         if is_jump:
             frame.forget()
-        frame.update(rospy.Time(seconds), CORRECTION)
+        frame.broadcast(rospy.Time(seconds), CORRECTION)
         (transform,) = messages[-1].transforms
         assert transform.header.stamp == rospy.Time(seconds, 100_000_000)
 
 
 def test_nothing_is_broadcast_before_a_simulated_clock_starts(broadcast):
     frame, messages = broadcast
-    frame.update(rospy.Time(0), CORRECTION)
+    frame.broadcast(rospy.Time(0), CORRECTION)
     assert messages == []
 
 
@@ -98,22 +98,22 @@ def test_a_goal_waits_for_the_monitors_first_transform(
 
 def test_a_monitor_that_starts_again_begins_another_frame():
     restart = FrameRestart()
-    assert restart.take(10.0, CORRECTION) is None
+    assert restart.jump(10.0, CORRECTION) is None
     # A scan corrects the odometry, and later tf is late.
-    assert restart.take(10.05, (0.56, -0.2, 0.3)) is None
-    assert restart.take(13.0, (0.55, -0.2, 0.3)) is None
+    assert restart.jump(10.05, (0.56, -0.2, 0.3)) is None
+    assert restart.jump(13.0, (0.55, -0.2, 0.3)) is None
     # The odometry goes on, so that a place in the old frame is known in the new one.
-    change = restart.take(16.0, (0.0, 0.0, 0.0))
+    change = restart.jump(16.0, (0.0, 0.0, 0.0))
     place_in_old_frame = compose((0.55, -0.2, 0.3), (2.0, 1.0, 0.4))
     assert compose(change, place_in_old_frame) == pytest.approx((2.0, 1.0, 0.4))
-    assert restart.take(19.0, (0.0, 0.0, 0.0)) is None
+    assert restart.jump(19.0, (0.0, 0.0, 0.0)) is None
 
 
 def test_another_drive_begins_no_frame():
     restart = FrameRestart()
-    restart.take(10.0, CORRECTION)
+    restart.jump(10.0, CORRECTION)
     restart.forget()
-    assert restart.take(2.0, (0.0, 0.0, 0.0)) is None
+    assert restart.jump(2.0, (0.0, 0.0, 0.0)) is None
 
 
 def test_goal_and_maps_follow_a_monitor_that_starts_again(monkeypatch):
@@ -143,10 +143,10 @@ def test_an_error_of_the_monitor_does_not_move_its_frame(offline_ros, monkeypatc
         monkeypatch.setattr(monitor_node, name, create_autospec(getattr(monitor_node, name)))
     node = CollisionMonitorNode(MonitorSettings.of(JACKAL), JACKAL, "", [], escape=False)
     node.sensors.observations.side_effect = ValueError("a test")
-    node.monitor.matched_frame.correction = CORRECTION
+    node.monitor.matcher.correction = CORRECTION
 
     # When: a command arrives
     offline_ros.callbacks["cmd_vel_in"](conversions.twist(0.5, 0.0))
 
     assert len(offline_ros.log["err"]) == 1
-    assert node.monitor.matched_frame.correction == CORRECTION
+    assert node.monitor.matcher.correction == CORRECTION

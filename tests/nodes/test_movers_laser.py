@@ -32,7 +32,7 @@ def test_one_laser_is_tracked_until_it_falls_silent():
     assert tracked[1:] == [("rear", tenths / 10 + 0.05) for tenths in range(10, 30)]
 
     # After a jump of the clock to an earlier time, the same laser is tracked, or else the next one.
-    laser.clear()
+    laser.forget_tracks()
     add("front", 0.5)
     add("rear", 0.6)
     assert changes[2:] == [("front", 0.5)]

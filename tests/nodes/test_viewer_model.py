@@ -114,7 +114,7 @@ def test_a_costmap_turns_with_its_frame():
     grid.info.resolution = 1.0
     grid.info.origin.position.x = 10.0
     grid.data = [100] * 8
-    drawn.take(grid)
+    drawn.replace_map(grid)
     # The frame lies at (1, 2), turned to the left.
     drawn.draw(SimpleNamespace(frame_pose=lambda frame: (1.0, 2.0, 0.5 * math.pi)))
     assert image.position == pytest.approx((1.0 - 1.0, 2.0 + 12.0, 0.01))

@@ -199,7 +199,7 @@ def local_plan(scenario, frame=None, tolerance=0.0):
     inputs = scenario.inputs
     half_size = max(cells * inputs["resolution"] / 2.0 for cells in inputs["size"])
     plan = LocalPlan()
-    plan.set(scenario.array("global_plan"))
+    plan.store(scenario.array("global_plan"))
     if "goal_yaw_used" in scenario.expected:
         yield "goal_yaw_used", plan.goal(frame)[2], scenario.expected["goal_yaw_used"], tolerance
     cuts = []

@@ -215,16 +215,13 @@ def test_the_latch_keeps_the_position_reached(latches):
     assert v > 0
 
 
-def test_flags_survive_plans_and_not_a_reset():
+def test_flags_survive_plans():
     planner = local_planner(straight(1.0, yaw=2.0))
     command(planner, AT_GOAL)
     flags = [1, 1, 1, 1, 1]
     planner.planner.state = [*flags, 0.9, 0, 0.9, 0, 0]
     planner.set_plan(straight(1.0, yaw=2.0))
     assert planner.planner.state[:5] == flags
-    planner.reset()
-    assert planner.planner.state == [0] * 10
-    assert command(planner, ORIGIN) == NO_COMMAND
 
 
 def test_the_control_period_is_the_inverse_of_the_frequency():

@@ -176,28 +176,6 @@ def test_refusals_are_those_of_a_cycle_without_a_legal_sample(planner):
     assert planner.refusals(divided_map) == {}
 
 
-def test_a_reset_planner_equals_a_new_one(plugin, planner):
-    slalom = costmap((1.0, 0.35), (1.4, -0.4))
-    drive(planner, slalom, seconds=1.0)
-
-    # A reset planner has no plan.
-    planner.reset()
-    assert planner.compute_velocity(ORIGIN, STANDING, slalom) == (False, STANDING)
-
-    # With the same plan, both give the same commands.
-    planner.reset()
-    new_planner = make(plugin)
-    planner.set_plan(straight(2.0))
-    new_planner.set_plan(straight(2.0))
-    pose = ORIGIN
-    twist = STANDING
-    for _ in range(30):
-        answer = planner.compute_velocity(pose, twist, slalom)
-        assert answer == new_planner.compute_velocity(pose, twist, slalom)
-        _, twist = answer
-        pose = moved(pose, *twist)
-
-
 def test_a_reconfigure_of_some_values_keeps_the_others(planner):
     planner.reconfigure({"max_vel_x": 0.2})
     ok, (v, _) = planner.compute_velocity(ORIGIN, STANDING, costmap())

@@ -113,7 +113,7 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
         costmap.set_map("elsewhere", occupied_map)
         assert costmap.size == (N, N)
         costmap.set_map("map", occupied_map)
-        costmap.update(HERE)
+        costmap.update_costs(HERE)
 
     assert fixed.size == (70, 30)
     assert fixed.resolution == occupied_map.resolution
@@ -148,9 +148,9 @@ def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_th
     second_layer = StaticLayer("second", StaticParameters(map_topic="other", enabled=False))
     costmap = make_costmap(first_layer, second_layer)
     costmap.set_map("map", map_of(100))
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     costmap.set_map("other", map_of(0, side=N + 5))
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert costmap.size == (N + 5, N + 5)
     assert (costmap.cells[:N, :N] == 254).all()
 
@@ -160,17 +160,17 @@ def test_a_map_that_is_switched_on_again_is_written_as_a_whole():
     seen = ObstacleLayer("seen", ObstacleParameters(), (Source(),), 0)
     costmap = make_costmap(StaticLayer("static", StaticParameters()), seen)
     costmap.set_map("map", map_of(100))
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert (costmap.cells == LETHAL).all()
 
     # When: the map is off for a while
     costmap.configure("static", enabled=False)
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert 0 < np.count_nonzero(costmap.cells == 0) < 100
     costmap.configure("static", enabled=True)
 
     # Then: it comes back where the robot was, too
-    costmap.update((1.5, 1.5, 0.0))
+    costmap.update_costs((1.5, 1.5, 0.0))
     assert (costmap.cells == LETHAL).all()
 
 
@@ -189,7 +189,7 @@ def test_first_map_only_ignores_later_maps():
     # Each of these would leave a mark.
     costmap.set_map("map", map_of(100))
     costmap.update_map("map", 3, 5, UNKNOWN_CELLS)
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert not costmap.cells.any()
 
 
@@ -198,7 +198,7 @@ def test_updates_of_a_map_are_applied():
     costmap.set_map("map", map_of(0))
     costmap.set_map("map", map_of(100))
     costmap.update_map("map", 3, 5, UNKNOWN_CELLS)
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     expected = np.full((N, N), 254)
     expected[5:7, 3:7] = 255
     np.testing.assert_array_equal(costmap.cells, expected)
@@ -206,13 +206,13 @@ def test_updates_of_a_map_are_applied():
     # Two map updates may precede the costmap's update.
     costmap.update_map("map", 0, 0, FREE_CELL)
     costmap.update_map("map", 39, 39, FREE_CELL)
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert costmap.cells[0, 0] == 0
     assert costmap.cells[39, 39] == 0
 
     # They outlive a reset of the costmap.
-    costmap.clear()
-    costmap.update(HERE)
+    costmap.reset_layers()
+    costmap.update_costs(HERE)
     assert costmap.cells[6, 6] == 255
     # Columns 38 to 40, of which the last is not on the map.
     row_beyond = np.zeros((1, 3), np.int8)
@@ -224,7 +224,7 @@ def test_an_update_of_a_cell_beside_the_map_is_refused(x, y):
     costmap = make_costmap(StaticLayer("static", StaticParameters(subscribe_to_updates=True)))
     costmap.set_map("map", map_of(100))
     refused(lambda: costmap.update_map("map", x, y, FREE_CELL), "not on the map")
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert (costmap.cells == LETHAL).all()
 
 
@@ -235,7 +235,7 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     costmap = make_costmap(StaticLayer("static", StaticParameters()), rolling=True)
     costmap.set_map("map", static_map)
     costmap.static_layers[0].placement = placement
-    costmap.update((0.7, 0.5, 1.0))
+    costmap.update_costs((0.7, 0.5, 1.0))
 
     # Then: each cell has the cost of the map's cell at its centre, and 0 beyond the map
     costs = interpretation(StaticParameters())[static_map.cells.view(np.uint8)]
@@ -303,14 +303,14 @@ def compare_layers(order, track_unknown):
     cells = np.where(is_occupied, 100, occupancies).astype(np.int8)
     static_map = StaticMap(cells, 0.1, (-2, -2))
     costmap.set_map("map", static_map)
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     points = rng.uniform(-1.8, 1.8, (40, 3)).astype(np.float32)
     for layer in costmap.obstacle_layers:
-        layer.buffers[0].take(PointCloud((0.1, 0.0, 0.2), points), 0.0)
+        layer.buffers[0].add_cloud(PointCloud((0.1, 0.0, 0.2), points), 0.0)
     costmap.set_map("map", static_map)
     # A new footprint forces an update of the whole map.
     costmap.set_footprint(costmap.footprint)
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
 
     # Then: the master is what its layers make of each other's cells, one after the other
     master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
@@ -340,16 +340,16 @@ def test_all_sources_clear_before_any_marks():
     marking_buffer, clearing_buffer = costmap.obstacle_layers[0].buffers
     near_point = np.array([[1.05, 0.05, 0.0]], np.float32)
     far_point = np.array([[1.75, 0.05, 0.0]], np.float32)
-    marking_buffer.take(PointCloud(HERE, near_point), 0.0)
-    clearing_buffer.take(PointCloud(HERE, far_point), 0.0)
-    costmap.update(HERE)
+    marking_buffer.add_cloud(PointCloud(HERE, near_point), 0.0)
+    clearing_buffer.add_cloud(PointCloud(HERE, far_point), 0.0)
+    costmap.update_costs(HERE)
     assert costmap.cells[20, 30] == 254
     # The second source does not mark.
     assert costmap.cells[20, 37] == 0
 
     # Now only the ray to (1.75, 0.05) passes the marked cell.
     marking_buffer.clouds = []
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert costmap.cells[20, 30] == 0
 
 
@@ -363,7 +363,7 @@ def test_observation_persistence_and_silence_of_a_source():
     assert not buffer.is_current(0.0)
     no_points = np.zeros((0, 3), np.float32)
     for stamp in (0.0, 0.4, 0.8, 1.2, 1.6, 2.0):
-        buffer.take(PointCloud(HERE, no_points, stamp), stamp)
+        buffer.add_cloud(PointCloud(HERE, no_points, stamp), stamp)
     # Up to one second old; the latest first.
     assert stamps(buffer) == [2.0, 1.6, 1.2]
     assert buffer.is_current(2.5)
@@ -400,10 +400,10 @@ def test_lasers_of_one_topic_may_have_different_delays():
     router = router_of(buffer)
     for cycle in range(3):
         now = 10.0 + 0.05 * cycle
-        router.take({"scan": replace(SCAN, stamp=now - 0.02, frame="front")}, now, None)
-        router.take({"scan": replace(SCAN, stamp=now - 0.11, frame="rear")}, now, None)
+        router.route({"scan": replace(SCAN, stamp=now - 0.02, frame="front")}, now, None)
+        router.route({"scan": replace(SCAN, stamp=now - 0.11, frame="rear")}, now, None)
         # An old scan of the same laser is none.
-        router.take({"scan": replace(SCAN, stamp=now - 0.2, frame="front")}, now, None)
+        router.route({"scan": replace(SCAN, stamp=now - 0.2, frame="front")}, now, None)
     expected = [10.08, 10.03, 9.99, 9.98, 9.94, 9.89]
     assert sorted(stamps(buffer), reverse=True) == pytest.approx(expected)
 
@@ -425,7 +425,7 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))
     router = router_of(buffer)
     scan = replace(SCAN, stamp=100.0)
-    router.take({"scan": scan}, 100.0, None)
+    router.route({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
 
     # The source counts as silent for a step back of any size.
@@ -433,7 +433,7 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     assert router.silent(earlier_time) == ("scan", 0.5)
 
     # Its next scan is taken.
-    router.take({"scan": replace(scan, stamp=earlier_time)}, earlier_time, None)
+    router.route({"scan": replace(scan, stamp=earlier_time)}, earlier_time, None)
     assert stamps(buffer) == [earlier_time]
     assert router.silent(earlier_time) is None
 
@@ -450,7 +450,7 @@ def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
         {"scan": older_scan, "other": older_scan},
         {"scan": newer_scan},
     ):
-        router.take(sensed, 100.1, None)
+        router.route(sensed, 100.1, None)
     assert stamps(of_scan) == [100.1, 100.0]
     assert stamps(of_other) == [99.9]
     assert router.silent(100.41) == ("other", 0.5)
@@ -477,7 +477,7 @@ def test_lasers_and_sources_that_clear_must_speak_unless_scan_timeout_is_0(
 def test_a_layer_that_is_switched_off_has_no_expected_rate_but_its_laser_must_speak(enabled):
     buffer = ObservationBuffer(Source(expected_update_rate=0.2))
     router = router_of(buffer, enabled=enabled)
-    router.take({"scan": replace(SCAN, stamp=10.0)}, 10.0, None)
+    router.route({"scan": replace(SCAN, stamp=10.0)}, 10.0, None)
     # Later than the expected rate, and then later than the router's patience
     assert router.silent(10.3) == (("scan", 0.2) if enabled else None)
     assert router.silent(10.6) == ("scan", 0.2 if enabled else 0.5)
@@ -796,12 +796,12 @@ def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_upd
     # Two sensors in turn, as drivers of two lasers publish on one topic
     for number in range(4):
         stamp = 0.2 * number
-        buffer.take(PointCloud(HERE, no_points, stamp, frame="front"), stamp)
+        buffer.add_cloud(PointCloud(HERE, no_points, stamp, frame="front"), stamp)
         stamp += 0.1
-        buffer.take(PointCloud(HERE, no_points, stamp, frame="rear"), stamp)
+        buffer.add_cloud(PointCloud(HERE, no_points, stamp, frame="rear"), stamp)
     assert [cloud.frame for cloud in buffer.clouds] == ["rear", "front"]
     assert stamps(buffer) == pytest.approx([0.7, 0.6])
-    buffer.take(PointCloud(HERE, no_points, 2.0, frame="rear"), 2.0)
+    buffer.add_cloud(PointCloud(HERE, no_points, 2.0, frame="rear"), 2.0)
     assert stamps(buffer) == [2.0], "the front sensor has fallen silent"
 
 

@@ -197,7 +197,7 @@ def test_rotation_does_not_begin_if_its_second_half_is_blocked():
     ]
     costmap = laser_costmap(10, 10, 0.05, (-5.0, -5.0), footprint=long_front)
     for y, is_free in ((-0.4, False), (-0.8, True)):
-        costmap.clear()
+        costmap.reset_layers()
         see(costmap, ORIGIN, cloud_of((0.0, y)))
         begins = rotate().step(0.0, ORIGIN, costmap, costmap) is not None
         assert begins == is_free

@@ -96,7 +96,7 @@ def outputs(robot: Robot, scenes: Arrays) -> Arrays:
     actions = [encoding.action(theta) for theta in thetas]
 
     # Observations have memory: their order is that of the course.
-    encoding.reset()
+    encoding.forget_decision()
     observations = []
     for index in range(SCENES):
         context = _context(encoding, scenes, index, current_thetas[index])

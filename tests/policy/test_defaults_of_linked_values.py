@@ -7,10 +7,10 @@ import pytest
 
 import sim_bridge
 import worlds
-from applr_ros1.common.trees import merged
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.pilot import Pilot
@@ -92,7 +92,7 @@ def test_a_speed_limit_lowers_each_speed_and_raises_none(space, max_speed, speed
     pilot = Pilot(methods.make("dwa", BURGER), BURGER, max_speed=max_speed)
     in_planner = pilot.space.settings(pilot.defaults().theta)[PLANNER]
     assert (in_planner["max_vel_x"], in_planner["max_vel_trans"]) == speeds
-    fastest = pilot.space.settings(pilot.limited(space.high))[PLANNER]
+    fastest = pilot.space.settings(pilot.space.clip(space.high))[PLANNER]
     assert max(fastest["max_vel_x"], fastest["max_vel_trans"]) <= max_speed
     assert_owners(space.settings(space.theta0))
 

@@ -118,7 +118,7 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
             atol=2e-6,
         )
 
-    encoding.reset()
+    encoding.forget_decision()
     first_observation = encoding.observe(context(robot, np.random.default_rng(5)))
     # Without a previous decision the scan is repeated.
     np.testing.assert_array_equal(

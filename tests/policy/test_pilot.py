@@ -73,9 +73,9 @@ def test_the_stall_rule_takes_the_place_of_the_method():
     assert not np.array_equal(choice.theta, THETA_0)
     next_choice = pilot.decide(scene(3.0))
     assert (next_choice.why, next_choice.clears_costmaps) == (STALL, False)
-    assert pilot.stalled_decisions == 2
+    assert pilot.stall_rule.count == 2
     assert pilot.decide(driving(60)).why == METHOD
-    assert pilot.stalled_decisions == 2
+    assert pilot.stall_rule.count == 2
 
 
 def test_a_method_that_refuses_keeps_its_parameters_in_a_stall():

@@ -466,7 +466,7 @@ def test_one_request_for_each_server():
 
 
 @pytest.mark.parametrize("padding", [0.0, 0.05])
-def test_no_set_but_that_of_the_files_lets_global_plans_through_gaps_narrower_than_the_robot(padding):
+def test_a_set_lets_no_global_plan_through_a_gap_narrower_than_the_robot(padding):
     # The Jackal's footprint is 0.33 m wide, and a cell 0.05 m.
     needed_radius = 0.165 + padding + 0.025
     local_layer, global_layer = INFLATION

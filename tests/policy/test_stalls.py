@@ -52,14 +52,14 @@ def course(
     `ahead`, and else back.
     """
     rule = rule or StallRule(robot)
-    rule.reset(seed)
+    rule.begin_course(seed)
     theta = space_of(robot).theta0
     replaced = []
     for time in range(32):
         v = BACKS if time in backwards else SLIPS
         way = AHEAD if time in ahead else BACK
         context = scene(float(time), place(time, speed), v, robot, way)
-        replaced.append(rule.instead(method, context, theta))
+        replaced.append(rule.redraw(method, context, theta))
     return replaced
 
 
@@ -186,7 +186,7 @@ def backs_out(pose, points):
     rule = StallRule(JACKAL)
     for time in range(9):
         context = replace(scene(float(time)), pose=pose, plan=plan)
-        theta = rule.instead(SET, context, SPACE.theta0)
+        theta = rule.redraw(SET, context, SPACE.theta0)
     return is_backing_out(theta)
 
 
@@ -215,7 +215,7 @@ def test_a_robot_without_a_plan_does_not_stand_in_a_dead_end():
     chosen = []
     for time in range(8 + 8):
         context = replace(scene(float(time)), plan=np.zeros((0, 2)))
-        chosen.append(rule.instead(SET, context, SPACE.theta0))
+        chosen.append(rule.redraw(SET, context, SPACE.theta0))
     assert all(map(is_backing_out, chosen[8:]))
 
 
@@ -225,21 +225,22 @@ def test_a_robot_that_stands_within_the_tolerance_of_its_goal_is_not_stuck():
         for time in range(9):
             goal = (0.0, distance, 1.0)
             context = replace(scene(float(time)), goal=goal, plan=np.zeros((0, 2)))
-            replaced = rule.instead(SET, context, SPACE.theta0)
+            replaced = rule.redraw(SET, context, SPACE.theta0)
         return replaced, rule.clears_costmaps
 
     assert last_decision(JACKAL.goal_tolerance - 0.01) == (None, False)
     beyond_tolerance, clears_costmaps = last_decision(JACKAL.goal_tolerance + 0.01)
-    assert beyond_tolerance is not None and clears_costmaps
+    assert beyond_tolerance is not None
+    assert clears_costmaps
 
 
 def test_each_stall_begins_with_backing_out():
     rule = StallRule(JACKAL)
     # From 16 s on, it would drive.
     for time in range(17):
-        rule.instead(SET, scene(float(time)), SPACE.theta0)
-    assert rule.instead(SET, scene(17.0, v=0.5), SPACE.theta0) is None
-    assert is_backing_out(rule.instead(SET, scene(18.0), SPACE.theta0))
+        rule.redraw(SET, scene(float(time)), SPACE.theta0)
+    assert rule.redraw(SET, scene(17.0, v=0.5), SPACE.theta0) is None
+    assert is_backing_out(rule.redraw(SET, scene(18.0), SPACE.theta0))
 
 
 def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_seconds():
@@ -256,7 +257,7 @@ def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_sec
         for time in range(32):
             v = 0.5 if 26 <= time < 30 else 0.0
             context = scene(float(time), place(time, SLOW), v)
-            rule.instead(method, context, SPACE.theta0)
+            rule.redraw(method, context, SPACE.theta0)
             if rule.clears_costmaps:
                 times.append(time)
         assert times == clearing_times
@@ -272,8 +273,8 @@ def test_a_robot_that_has_just_come_out_has_not_stalled():
     ):
         rule = StallRule(JACKAL)
         for time in range(8):
-            rule.instead(SET, scene(float(time), place(time, SLOW)), SPACE.theta0)
-        rule.instead(SET, scene(8.0, place(8, SLOW), v), SPACE.theta0)
+            rule.redraw(SET, scene(float(time), place(time, SLOW)), SPACE.theta0)
+        rule.redraw(SET, scene(8.0, place(8, SLOW), v), SPACE.theta0)
         assert rule.count == count
 
 
@@ -284,7 +285,7 @@ def test_times_that_are_sums_of_periods_count_as_reached():
     replaced = []
     clearing_decisions = []
     for decision in range(200):
-        replaced.append(rule.instead(SET, scene(time, place(time, SLOW)), SPACE.theta0))
+        replaced.append(rule.redraw(SET, scene(time, place(time, SLOW)), SPACE.theta0))
         if rule.clears_costmaps:
             clearing_decisions.append(decision)
         time += 0.1
@@ -298,9 +299,9 @@ def test_distance_and_speed_of_a_stall_scale_with_the_robot():
     for scale, stalled in ((1.0, False), (2.0, True)):
         stall = Stall(scale)
         for second in range(9):
-            is_stalled = stall.update(float(second), 0.2 * second, 0.0, 0.0)
+            is_stalled = stall.add_position(float(second), 0.2 * second, 0.0, 0.0)
         assert is_stalled is stalled
-        assert stall.update(9.0, 1.6, 0.0, 0.8) is stalled
+        assert stall.add_position(9.0, 1.6, 0.0, 0.8) is stalled
         # It is 1.4 m away from its place 8 s ago, of 1.7 m that the large robot needs.
         expected_share = pytest.approx(1.4 / 1.7) if stalled else 1.0
         assert stall.share == expected_share
@@ -351,7 +352,7 @@ def first_change(poses, ways, period=1.0, robot=JACKAL):
         forward = np.linspace(0.0, 3.0, 60)
         plan = transform_point(pose, way * forward, np.zeros(60))
         context = replace(context, pose=pose, plan=np.column_stack(plan))
-        if rule.instead(SET, context, theta) is not None:
+        if rule.redraw(SET, context, theta) is not None:
             return decision * period
     return None
 
@@ -410,7 +411,7 @@ def test_without_a_plan_or_near_its_end_no_dead_end_is_clear():
             context = replace(context, plan=context.plan[: plan_length + 1])
             if not plan_length:
                 context = replace(context, plan=np.zeros((0, 2)))
-            thetas.append(rule.instead(SET, context, SPACE.theta0))
+            thetas.append(rule.redraw(SET, context, SPACE.theta0))
         is_long_enough = plan_length == 6
         assert (thetas[7] is not None) == is_long_enough
         assert thetas[8] is not None
@@ -424,25 +425,27 @@ def test_a_stall_in_a_dead_end_lasts_until_the_robot_has_left_the_place():
     ):
         rule = StallRule(JACKAL)
         for time in range(3):
-            rule.instead(SET, scene(float(time)), SPACE.theta0)
-        theta = rule.instead(SET, scene(3.0, x, v), SPACE.theta0)
+            rule.redraw(SET, scene(float(time)), SPACE.theta0)
+        theta = rule.redraw(SET, scene(3.0, x, v), SPACE.theta0)
         assert (theta is not None) == is_changed, (x, v)
 
 
 def test_a_place_that_the_robot_has_left_is_forgotten():
     stuck = Stuck(scale=1.0)
     for time in range(3):
-        is_stuck = stuck.update(float(time), (0.0, 0.0, 0.0), 0.0, leads_back=True)
+        is_stuck = stuck.add_decision(float(time), (0.0, 0.0, 0.0), 0.0, leads_back=True)
     assert is_stuck
-    assert not stuck.update(3.0, (-0.9, 0.0, 0.0), -0.5, leads_back=True)
-    assert not stuck.update(4.0, (-0.2, 0.0, 0.0), 0.2, leads_back=True), "it passes there again"
+    assert not stuck.add_decision(3.0, (-0.9, 0.0, 0.0), -0.5, leads_back=True)
+    assert not stuck.add_decision(4.0, (-0.2, 0.0, 0.0), 0.2, leads_back=True), (
+        "it passes there again"
+    )
 
 
 def test_a_robot_that_is_held_while_it_backs_out_drives_instead():
     rule = StallRule(JACKAL)
     backing_out = []
     for time in range(9):
-        theta = rule.instead(SET, scene(float(time)), SPACE.theta0)
+        theta = rule.redraw(SET, scene(float(time)), SPACE.theta0)
         backing_out.append(is_backing_out(theta))
     # The dead end is known at 2 s, and at 4 s the robot has not backed out.
     assert backing_out == [None, None, True, True, False, False, False, True, True]

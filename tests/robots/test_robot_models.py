@@ -9,14 +9,14 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.layers import arranged
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.policy import methods
 from applr_ros1.robots.robot import MoveBaseSetup, number_at
+from training.attempts.loaded import loadable_space, move_base_parameters
 from training.env.settings import TrialSettings
 from training.evaluate import runner
-from training.evaluate.loaded import loadable_space, move_base_parameters
 from training.evaluate.trial import plan_trials
 
 

@@ -9,7 +9,7 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import merged
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.robots.check import fields
 from applr_ros1.robots.robot import number_at
 from tests.support.robots import JACKAL_PARAMETERS

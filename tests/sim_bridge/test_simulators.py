@@ -784,7 +784,7 @@ def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
     # 4,000 correlation times are enough for two digits.
     headings = np.empty(40_000)
     for second in range(len(headings)):
-        odometry.update(1.0, 0.0, 0.0, 0.0, 0.0)
+        odometry.integrate(1.0, 0.0, 0.0, 0.0, 0.0)
         _, _, headings[second] = odometry.pose
     assert headings.std() == pytest.approx(0.02, rel=0.1)
     # After one correlation time, 1/e of the correlation is left.
@@ -801,7 +801,7 @@ def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
 )
 def test_odometry_goes_in_the_middle_direction_of_a_turn(first_yaw, last_yaw, x, y):
     odometry = Odometry(OdometryErrors(), first_yaw, np.random.default_rng(0), scale=0.0)
-    odometry.update(4.0, 0.5, last_yaw, 0.1, 0.0)
+    odometry.integrate(4.0, 0.5, last_yaw, 0.1, 0.0)
     assert odometry.pose == pytest.approx((x, y, last_yaw))
 
 
@@ -811,9 +811,9 @@ def test_the_error_of_the_distance_has_its_size_and_stays_during_a_drive():
     distances = np.empty(2_000)
     for start in range(len(distances)):
         odometry = Odometry(errors, 0.0, rng)
-        odometry.update(1.0, 1.0, 0.0, 0.0, 0.0)
+        odometry.integrate(1.0, 1.0, 0.0, 0.0, 0.0)
         distances[start], _, _ = odometry.pose
-        odometry.update(1.0, 1.0, 0.0, 0.0, 0.0)
+        odometry.integrate(1.0, 1.0, 0.0, 0.0, 0.0)
         x, _, _ = odometry.pose
         assert x == pytest.approx(2.0 * distances[start])
     assert distances.mean() == pytest.approx(1.0, abs=0.002)
@@ -826,7 +826,7 @@ def test_the_noise_of_heading_and_speed_has_its_size_and_does_not_move_the_posit
     headings = np.empty(4_000)
     speeds = np.empty(4_000)
     for sample in range(len(headings)):
-        odometry.update(0.05, 0.5, 0.5 * pi, 0.0, 0.0)
+        odometry.integrate(0.05, 0.5, 0.5 * pi, 0.0, 0.0)
         x, _, headings[sample] = odometry.pose
         speeds[sample], _ = odometry.twist
         assert x == pytest.approx(0.0, abs=1e-9)

@@ -6,7 +6,7 @@ import pytest
 
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor, Verdict
 from applr_ros1.planner.escape import MOTIONS, TRIES
-from applr_ros1.stack.command_chain import CommandChain, Progress, StalledPlanner
+from applr_ros1.stack.command_chain import Progress, StalledPlanner, judged
 from tests.monitor.scenes import AT_REST, HERE, scan_of, verdict_on, wall
 
 # Commands of the planner (v, w) [m/s, rad/s].
@@ -28,7 +28,7 @@ class Drive:
         motions = []
         for _ in range(round(seconds / 0.05)):
             progress = Progress(goal, plan_time=self.time, distance=distance)
-            motion = self.planner.instead(self.time, command, progress)
+            motion = self.planner.escape_motion(self.time, command, progress)
             self.planner.report_held(self.is_held(motion or command))
             motions.append(motion)
             self.time += 0.05
@@ -72,36 +72,36 @@ def test_a_planner_without_need_to_drive_is_not_overridden(state):
 
 def test_a_planner_silent_from_the_start_gets_escape_motions():
     planner = StalledPlanner(TOLERANCE)
-    assert planner.instead(0.0, STOP, Progress("a", 0.0, 5.0)) is None
-    assert planner.instead(2.1, STOP, Progress("a", 2.1, 5.0)) == MOTIONS[0]
+    assert planner.escape_motion(0.0, STOP, Progress("a", 0.0, 5.0)) is None
+    assert planner.escape_motion(2.1, STOP, Progress("a", 2.1, 5.0)) == MOTIONS[0]
 
 
 def test_a_plan_that_is_not_renewed_says_nothing_about_the_way_that_is_left():
     planner = StalledPlanner(TOLERANCE)
     old_plan = Progress("a", plan_time=0.0, distance=5.0)
-    planner.instead(0.0, STOP, old_plan)
-    assert planner.instead(1.9, STOP, old_plan) is None
-    assert planner.instead(2.1, STOP, old_plan) is None, "the plan is older than 2 s"
-    assert planner.instead(4.2, STOP, Progress("a", 4.2, 5.0)) is None, "it waits again"
-    assert planner.instead(6.3, STOP, Progress("a", 6.3, 5.0)) == MOTIONS[0]
+    planner.escape_motion(0.0, STOP, old_plan)
+    assert planner.escape_motion(1.9, STOP, old_plan) is None
+    assert planner.escape_motion(2.1, STOP, old_plan) is None, "the plan is older than 2 s"
+    assert planner.escape_motion(4.2, STOP, Progress("a", 4.2, 5.0)) is None, "it waits again"
+    assert planner.escape_motion(6.3, STOP, Progress("a", 6.3, 5.0)) == MOTIONS[0]
 
 
 def test_a_chain_lets_no_escape_motion_creep_and_reports_what_is_blocked():
-    chain = CommandChain(StalledPlanner(TOLERANCE))
+    planner = StalledPlanner(TOLERANCE)
     blocked = Verdict.stop(STOP, "wall")
-    judged = []
+    judgements = []
 
     def judge(command, may_creep):
-        judged.append((command, may_creep))
+        judgements.append((command, may_creep))
         return blocked
 
     # A planner that is blocked for half a second gets an escape motion.
     for step in range(12):
         now = 0.05 * step
-        motion = chain.escape(now, GO, Progress("a", now, 5.0))
-        chain.judged(GO, motion, judge)
-    assert judged[0] == (GO, True)
-    assert judged[-1] == (MOTIONS[0], False)
+        motion = planner.escape_motion(now, GO, Progress("a", now, 5.0))
+        judged(GO, motion, judge, planner)
+    assert judgements[0] == (GO, True)
+    assert judgements[-1] == (MOTIONS[0], False)
 
 
 def test_another_goal_restarts_the_detector():

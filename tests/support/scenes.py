@@ -57,7 +57,7 @@ def inflate(master, window, resolution, inscribed, parameters):
     layer = InflationLayer("inflation", parameters)
     layer.match_size(Geometry(columns, rows, resolution, np.zeros(2), False))
     layer.set_inscribed_radius(inscribed)
-    layer.update(master, master.copy(), window)
+    layer.inflate(master, master.copy(), window)
 
 
 def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL_FOOTPRINT):
@@ -113,8 +113,8 @@ def laser_costmap(
 
 def see(costmap, pose, cloud):
     """Update a costmap at a pose with a new cloud of its first source."""
-    costmap.obstacle_layers[0].buffers[0].take(cloud, cloud.stamp)
-    costmap.update(pose)
+    costmap.obstacle_layers[0].buffers[0].add_cloud(cloud, cloud.stamp)
+    costmap.update_costs(pose)
 
 
 def paint(costmap, cells):
@@ -122,7 +122,7 @@ def paint(costmap, cells):
     origin, master, *layer_cells = costmap.snapshot()
     base = np.where(np.asarray(cells) != 0, cells, master)
     for layer in costmap.inflation_layers:
-        layer.update(master, base, (0, 0) + costmap.size)
+        layer.inflate(master, base, (0, 0) + costmap.size)
     costmap.restore((origin, master, *layer_cells))
 
 

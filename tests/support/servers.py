@@ -12,13 +12,13 @@ class RunningServer:
         self.call = Future()
         self.call.set_result("")
 
-    def request(self, values):
+    def bounded(self, values):
         return dict(values)
 
-    def has(self, request):
+    def has_set(self, request):
         return all(self.values[name] == value for name, value in request.items())
 
-    def set(self, request):
+    def begin_call(self, request):
         self.values.update(request)
 
     def value_of(self, target):

@@ -45,13 +45,6 @@ class AppldOptions(BagOptions):
         "Recorded demonstrations: ROS 1 or ROS 2 bags with scans, odometry and commands.")
     out: str = option(...,
         "File to write (.safetensors). The log is written beside it.")
-    contexts: int = option(4,
-        "Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.",
-        ge=0, le=10**6)
-    penalty: float = option(3.0,
-        "Cost of a changepoint; a higher cost gives fewer segments.", ge=0, le=1e6)
-    evaluations: int = option(150,
-        "Number of parameter sets that the search of each context tries.", ge=1, le=10**9)
     seed: Seed
     # fmt: on
 
@@ -79,7 +72,7 @@ def run(arguments: List[str]) -> None:
         demonstration = read_demonstration(bag_path, topics, robot)
         demonstrations.append(demonstration)
         scans_of.append(policy_scans(demonstration, robot))
-    split = segmentation.find(demonstrations, robot, options.contexts, options.penalty)
+    split = segmentation.find(demonstrations, robot)
 
     # Parameters of each context
     space = space_of(robot)
@@ -87,7 +80,7 @@ def run(arguments: List[str]) -> None:
     contexts: List[Dict[str, Any]] = []
     by_context = _stretches_by_context(demonstrations, split, robot)
     for context_name, mean_features, context_stretches in zip(split.names, split.means, by_context):
-        best_fit = fit(context_stretches, options.evaluations, options.seed + len(contexts))
+        best_fit = fit(context_stretches, options.seed + len(contexts))
         # The policy's file holds only the parameters that the paper's encoding sets.
         parameter_sets[context_name] = space.chosen_of(best_fit.theta)
         contexts.append(_described(context_name, mean_features, best_fit, space))
@@ -156,18 +149,11 @@ def _described(name: str, mean: np.ndarray, best: ContextFit, space: Space) -> D
         best: Fit of the context.
         space: Parameter space of the robot.
     """
-    parameters = space.as_dict(best.theta)
-    rounded = {parameter: round(value, 3) for parameter, value in parameters.items()}
-    v_error, w_error = best.rms_v_w
-    print(
-        f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f}), "
-        f"rms error of commands {v_error:.2f} m/s, {w_error:.2f} rad/s, "
-        f"{best.replays} sets tried on {best.instants} instants; best parameters: {rounded}"
-    )
+    print(f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f})")
     log_entry = {
         "name": name,
         "features": dict(zip(segmentation.FEATURES, mean.round(3).tolist())),
-        "parameters": parameters,
+        "parameters": space.as_dict(best.theta),
         **vars(best),
     }
     del log_entry["theta"]  # The same values as the parameters

@@ -26,6 +26,7 @@ from training.appld.segmentation import Segment
 TURN_WEIGHT = 0.25
 # Weight of an action's mean squared distance from that of theta_0: it decides between equal losses
 PULL = 1e-3
+EVALUATIONS = 150  # number of parameter sets that the search of a context tries
 LONGEST = 100  # largest number of instants of a segment that are replayed
 SETTLE = 5  # number of ignored instants after a change of parameters
 SPREAD = 0.4  # initial standard deviation of the search, in action units
@@ -83,7 +84,7 @@ def step(planner: MoveBase, demonstration: Demonstration, robot: Robot, i: int) 
         range_min=range_min,
         range_max=range_max,
         ranges=demonstration.scans.ranges[i],
-        sensor_pose=robot.laser.pose_at(pose),
+        sensor_pose=robot.laser.pose_for(pose),
         sensor_height=robot.laser.height,
     )
     cycle = planner.step(planner_time, pose, twist, scan)
@@ -166,12 +167,11 @@ def loss(parts: Sequence[DemonstrationStretch], theta: np.ndarray) -> Loss:
     return Loss(float(v_square + TURN_WEIGHT * w_square), rms_errors.tolist())
 
 
-def fit(parts: Sequence[DemonstrationStretch], evaluations: int, seed: int) -> ContextFit:
+def fit(parts: Sequence[DemonstrationStretch], seed: int) -> ContextFit:
     """Fit the parameters that the paper's encoding chooses, with CMA-ES from theta_0.
 
     Args:
         parts: Stretches of a context.
-        evaluations: Number of replays after which the search ends.
         seed: Seed of the search.
     """
     import cma  # slow, because it imports scipy.stats and matplotlib
@@ -191,7 +191,7 @@ def fit(parts: Sequence[DemonstrationStretch], evaluations: int, seed: int) -> C
     )
     options = {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9}  # cma draws a seed for 0.
     strategy = cma.CMAEvolutionStrategy(default_action * INSIDE, SPREAD, options)
-    while best_fit.replays < evaluations and not strategy.stop():
+    while best_fit.replays < EVALUATIONS and not strategy.stop():
         candidates = strategy.ask()
         penalised_losses = []
         for candidate in candidates:

@@ -12,11 +12,12 @@ from typing import Any, List
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, Twist, normalize_angle, outside_box, transform_point
+from applr_ros1.common.angles import Pose, Twist, normalize_angle
 from applr_ros1.common.paths import distances, points_at, travelled
 from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD
 from worlds import World
+from worlds.world import clearance
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
 SPACING = 0.05  # distance between points of the route [m]
@@ -31,6 +32,7 @@ TOO_NEAR_M = 0.1  # range of a beam that meets something before its smallest ran
 ITERATIONS = 300  # number of steps of the elastic band
 STRAIGHTEN = 0.25  # share by which a step straightens the band
 PUSH = 0.04  # share by which a step pushes the band away from obstacles
+SLOPE_M = 0.001  # offset at which the slope of the distance from obstacles is measured [m]
 
 
 class Demonstrator:
@@ -181,31 +183,13 @@ def _resampled(points: np.ndarray) -> np.ndarray:
 def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
     """Return vectors (k, 2) [m] by which obstacles push points (k, 2) [m] away.
 
-    They point away from the nearest obstacle and have the length max(0, wanted - distance).
+    They point away from the nearest obstacle, along the gradient of the distance, and have the
+    length max(0, wanted - distance).
     """
-    # From the nearest spot on each obstacle to each point: offsets (k, 2) and gaps (k,)
-    x, y = points.T
-    centres = world.cylinders[:, np.newaxis, :2]  # (cylinders, 1, 2)
-    radii = world.cylinders[:, 2:]
-    offsets = list(points - centres)
-    gaps = list(distances(points, centres) - radii)
-    for centre_x, centre_y, box_yaw, size_x, size_y in world.boxes:
-        dx = x - centre_x
-        dy = y - centre_y
-        outside_along, outside_across = outside_box(dx, dy, box_yaw, size_x, size_y)
-        offset_x, offset_y = transform_point((0.0, 0.0, box_yaw), outside_along, outside_across)
-        offsets.append(np.column_stack([offset_x, offset_y]))
-        gaps.append(np.hypot(outside_along, outside_across))
 
-    if not gaps:
-        return np.zeros_like(points)
-    # The nearest obstacle of each point
-    nearest_obstacles = np.argmin(gaps, axis=0)
-    point_rows = np.arange(len(points))
-    nearest_offsets = np.array(offsets)[nearest_obstacles, point_rows]
-    nearest_gaps = np.array(gaps)[nearest_obstacles, point_rows]
-    offset_lengths = np.hypot(nearest_offsets[:, 0], nearest_offsets[:, 1])
-    offset_lengths = np.maximum(offset_lengths, 1e-9)  # 0 inside a box
-    directions = nearest_offsets / offset_lengths[:, None]
-    push_lengths = np.clip(wanted - nearest_gaps, 0.0, wanted)
-    return np.asarray(directions * push_lengths[:, None])
+    def room(moved_points: np.ndarray) -> np.ndarray:
+        return np.minimum(clearance(world, moved_points), wanted)
+
+    room_there = room(points)
+    slopes = [(room(points + offset) - room_there) / SLOPE_M for offset in SLOPE_M * np.eye(2)]
+    return np.asarray(np.column_stack(slopes) * (wanted - room_there)[:, None])

@@ -20,6 +20,8 @@ from training.appld.demonstration import Demonstration, policy_scans
 
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
 SMOOTHED = 15  # number of instants over which a feature is averaged
+MOST_CONTEXTS = 4  # largest number of contexts
+PENALTY = 3.0  # cost of a changepoint; a higher cost gives fewer segments
 SHORTEST = 1.5  # minimum duration of a segment [s]
 # Bearing and width of the sectors of the scan ahead, to the right and to the left [rad]
 AHEAD = (0.0, math.radians(45.0))
@@ -74,15 +76,13 @@ def features(demonstration: Demonstration, robot: Robot) -> np.ndarray:
     return np.asarray(windows.mean())
 
 
-def find(
-    demonstrations: List[Demonstration], robot: Robot, most: int = 4, penalty: float = 3.0
-) -> Contexts:
+def find(demonstrations: List[Demonstration], robot: Robot) -> Contexts:
     """Return the contexts of one or more demonstrations.
 
     Changepoints minimise the squared error about each segment's mean features plus a penalty per
     changepoint. This is the likelihood of normal features with the penalty of BIC, and replaces the
-    Bayesian CHAMP of the APPLD paper. Ward's method then clusters the segments into at most `most`
-    contexts. If `most` is 0, every segment is a context of its own, as in the APPLD paper.
+    Bayesian CHAMP of the APPLD paper. Ward's method then clusters the segments into at most
+    MOST_CONTEXTS contexts.
     """
     import pandas
 
@@ -98,15 +98,15 @@ def find(
     for demonstration_index, drive_features in enumerate(by_drive):
         scaled_features = (drive_features - mean_features) / spread
         first_instant = 0
-        for end_instant in _cut(scaled_features, penalty):
+        for end_instant in _cut(scaled_features):
             segments.append(Segment(demonstration_index, first_instant, end_instant, 0))
             segment_means.append(scaled_features[first_instant:end_instant].mean(axis=0))
             first_instant = end_instant
 
     labels = np.arange(len(segments))
-    if most and len(segments) > most:
+    if len(segments) > MOST_CONTEXTS:
         cluster_tree = scipy.cluster.hierarchy.linkage(np.array(segment_means), "ward")
-        labels = scipy.cluster.hierarchy.fcluster(cluster_tree, most, "maxclust")
+        labels = scipy.cluster.hierarchy.fcluster(cluster_tree, MOST_CONTEXTS, "maxclust")
     contexts = pandas.factorize(labels)[0].tolist()  # numbered by first appearance
     labelled = []
     lengths = []
@@ -119,14 +119,14 @@ def find(
     return Contexts(labelled, names_of(context_means), context_means)
 
 
-def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
+def _cut(scaled: np.ndarray) -> List[int]:
     """Return the ends of the segments of scaled features (n, 5); the last one is n."""
     import ruptures  # slow, because it imports scipy.signal
 
     shortest = int(SHORTEST / CONTROL_PERIOD)
     if len(scaled) < 2 * shortest:
         return [len(scaled)]  # ruptures refuses what it cannot cut.
-    changepoint_cost = penalty * scaled.shape[1] * np.log(len(scaled))
+    changepoint_cost = PENALTY * scaled.shape[1] * np.log(len(scaled))
     search = ruptures.KernelCPD("linear", min_size=shortest).fit(scaled)
     return list(map(int, search.predict(pen=changepoint_cost)))
 

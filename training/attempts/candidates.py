@@ -1,37 +1,44 @@
 """What else could be set in a robot: one list for everything that looks for a better value.
 
-`./applr check` drives it on open floor, `./applr why` in the world that the laser saw. A value that
-is unlike every usual one is the likeliest cause of a failure, whichever parameter has it. Therefore
-usual values of such parameters come first, the most unusual parameter ahead, then changes that free
-most robots, and at last those of all other parameters. Of one parameter, the nearest value comes
-first.
+`./applr check` drives it on open floor, `./applr why` in the world that the laser saw, and
+`./applr tune` searches in search_space(). None of them leaves the ranges of the robot's space.
+
+A value that is unlike every usual one is the likeliest cause of a failure, whichever parameter has
+it. Therefore usual values of such parameters come first, the most unusual parameter ahead, then
+changes that free most robots, and at last those of all other parameters. Of one parameter, the
+nearest value comes first.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.files import yaml_value
-from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import Space
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import SIGHT_S, crossed_limits
 from applr_ros1.robots.geometry import box_outline
 from applr_ros1.robots.robot import SpaceParameter, Target
-from applr_ros1.why.factors import other_values
+from applr_ros1.why.factors import values_to_try
+from training.attempts.loaded import loadable_space
 from training.attempts.usual_values import (
     COSTMAPS,
     UNUSUAL,
     ParameterPlace,
     UsualValues,
+    departure,
     places_of,
 )
 
@@ -39,6 +46,7 @@ from training.attempts.usual_values import (
 CPP_PADDING_M: float = by_name(COSTMAP)["footprint_padding"].default
 CPP_OBSTACLE_RANGE_M: float = by_name(STATIC_SOURCE)["obstacle_range"].default
 CPP_RAYTRACE_RANGE_M: float = by_name(STATIC_SOURCE)["raytrace_range"].default
+RANGE_BOUNDS_M = 1.0, 8.0  # bounds of a search for the obstacle range, for the Jackal's size [m]
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
 WINDOW = ("width", "height")  # sides of a costmap
 # Weights of DWAPlannerROS and TrajectoryPlannerROS that only count in proportion to each other
@@ -125,6 +133,36 @@ def advice_of(robot: Robot, candidate: Candidate) -> str:
     return " and ".join(instructions)
 
 
+def search_space(robot: Robot) -> Space:
+    """Return the space of a search.
+
+    `chosen` are the parameters that can be loaded (loadable_space) and, as the last one, the
+    obstacle range, which move_base reads only at its start. The range is left out if the robot's
+    files have none for a laser, or several, or if its laser is too short for another.
+    """
+    space = loadable_space(robot)
+    sources = laser_sources(robot.parameters())
+    ranges_in_files = {source.obstacle_range for source in sources}
+    if len(ranges_in_files) != 1:
+        return space
+    (range_in_files,) = ranges_in_files
+    nearest, farthest = (robot.world_scale * bound for bound in RANGE_BOUNDS_M)
+    farthest = min(farthest, robot.laser.range_max)
+    shortest_range = min(nearest, range_in_files)
+    longest_range = max(farthest, range_in_files)
+    if shortest_range >= longest_range:
+        return space
+    return replace(
+        space,
+        names=(*space.names, obstacle_range.NAME),
+        low=np.append(space.low, shortest_range),
+        high=np.append(space.high, longest_range),
+        integer=np.append(space.integer, False),
+        theta0=np.append(space.theta0, range_in_files),
+        targets={**space.targets, obstacle_range.NAME: ()},
+    )
+
+
 PlaceGroup = List[ParameterPlace]  # places that change together
 
 
@@ -195,8 +233,10 @@ def candidates_of(robot: Robot) -> CandidateList:
     places = GroupedPlaces(robot)
     usual_values = UsualValues(robot)
     usual_instead = _usual_instead(places, usual_values)
+    weights = _weights_of_robots(places, usual_values)
     rated_candidates = [
         *usual_instead,
+        *weights,
         *_footprints(robot, tree),
         *_paddings(tree),
         *_ranges(robot, tree),
@@ -205,7 +245,7 @@ def candidates_of(robot: Robot) -> CandidateList:
     ]
     unusual = [rated.candidate for rated in _sorted(rated_candidates) if rated.departure >= UNUSUAL]
     others = [
-        *_weights_of_robots(places, usual_values),
+        *(rated.candidate for rated in weights),
         *_factored(places, [places.by_name[name] for name in FREQUENT]),
         *_escape(places),
         *(rated.candidate for rated in usual_instead),
@@ -239,20 +279,30 @@ def _usual_instead(places: GroupedPlaces, usual_values: UsualValues) -> List[Rat
     return _sorted(rated_candidates)
 
 
-def _weights_of_robots(places: GroupedPlaces, usual_values: UsualValues) -> Iterator[Candidate]:
-    """Yield the BIASES of each included robot with the same local planner."""
+def _weights_of_robots(places: GroupedPlaces, usual_values: UsualValues) -> List[Rated]:
+    """Return the BIASES of each included robot with the same local planner.
+
+    They are as unusual as their ratio, although each of them may be usual.
+    """
+    groups = [places.by_name[name] for name in BIASES]
+    path_bias, goal_bias = (group[0].value for group in groups)
+    departures = []
+    candidates = []
     for weights in zip(*(usual_values.of_robots[name] for name in BIASES)):
         changes: Tuple[Change, ...] = ()
-        for name, weight in zip(BIASES, weights):
-            changes += places.changed(places.by_name[name], weight)
-        yield Candidate(changes)
+        for group, weight in zip(groups, weights):
+            changes += places.changed(group, weight)
+        candidates.append(Candidate(changes))
+        path_weight, goal_weight = weights
+        departures.append(departure(path_bias * goal_weight, path_weight * goal_bias))
+    return [Rated(min(departures), candidate) for candidate in candidates]
 
 
 def _factored(places: GroupedPlaces, groups: Iterable[PlaceGroup]) -> Iterator[Candidate]:
     """Yield other values of parameters, whether they are usual or not."""
     for group in groups:
         first = group[0]
-        for value in other_values(first.declared, first.value):
+        for value in values_to_try(first.declared, first.value):
             yield Candidate(places.changed(group, value))
 
 

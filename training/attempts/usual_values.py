@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import tables
 from applr_ros1.planner.parameters.layers import INFLATION_LAYER, layers
 from applr_ros1.planner.parameters.parameter import Parameter
-from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.parameters.settings import Change, ratio_of
+from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.robot import Base
 from applr_ros1.why.factors import FUTILE
@@ -77,7 +77,7 @@ def departure(value: Any, usual_value: Any) -> float:
         return 0.0
     if isinstance(value, bool):
         return math.inf
-    return math.log(Change("", "", value, usual_value).departure)
+    return math.log(ratio_of(value, usual_value))
 
 
 def _limits(base: Base) -> Dict[str, float]:

@@ -13,6 +13,9 @@ world. These rules stay apart:
 - A parameter goes back to its default (tune) if that costs next to nothing: the fewest changes are
   wanted where no test would tell.
 - A remedy for many stops (why) may make none of them worse: a few drives at each are no test.
+- The report of an evaluation also counts worlds by the paper's test (Welch's, within a world), and
+  the page of tune says by its interval whether a parameter saves something: nothing is chosen by
+  either.
 """
 
 from __future__ import annotations

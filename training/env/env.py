@@ -209,7 +209,7 @@ class ActionMethod(Method):
 
     @override
     def reset(self, seed: int) -> None:
-        self.encoding.reset()
+        self.encoding.forget_decision()
 
     @override
     def theta(self, context: Optional[Context]) -> Array:

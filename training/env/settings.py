@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Any, Dict, Literal, Optional, Tuple
+from typing import Any, Dict, List, Literal, Optional
 
 from pydantic import ConfigDict
 
@@ -107,29 +107,24 @@ class TrialSettings(DriveSettings):
             starts: Robot with the parameters with which the planners start.
             escapes: Whether the monitor makes escape motions (Stack).
         """
-        exploring_planner, knowing_planner = self.planners(starts)
         made = partial(Stack, self.robot, monitor=self.monitor, escapes=escapes)
-        if knowing_planner is exploring_planner:
-            return SimulatedRobot(simulator, made(exploring_planner))
-        return SimulatedRobot(simulator, made(exploring_planner), made(knowing_planner))
+        return SimulatedRobot(simulator, *map(made, self.planners(starts)))
 
-    def planners(self, robot: Robot) -> Tuple[MoveBase, MoveBase]:
-        """Return a robot's planners for worlds without and with a map.
+    def planners(self, robot: Robot) -> List[MoveBase]:
+        """Return a robot's planners for worlds without and, if there is one, with a map.
 
-        Their distance biases are per costmap cell. Both planners are the same if robot.yaml has no
+        Their distance biases are per costmap cell. There is none for a map if robot.yaml has no
         setup with a map, or one with sensors that are not simulated.
         """
         if self.monitor and self.matched:
             robot = robot.in_matched_frame()
-        exploring_planner = self._planner(robot)
-        if robot.move_base.with_map is None:
-            return exploring_planner, exploring_planner
-        knowing_planner = self._planner(robot.on_map())
-        # The simulator has the sensors of the setup without a map.
-        is_simulated = knowing_planner.sources == exploring_planner.sources
-        if not is_simulated:
-            return exploring_planner, exploring_planner
-        return exploring_planner, knowing_planner
+        planners = [self._planner(robot)]
+        if robot.move_base.with_map is not None:
+            knowing_planner = self._planner(robot.on_map())
+            # The simulator has the sensors of the setup without a map.
+            if knowing_planner.sources == planners[0].sources:
+                planners.append(knowing_planner)
+        return planners
 
     def _planner(self, robot: Robot) -> MoveBase:
         """Return the planner with the parameters that a robot uses."""

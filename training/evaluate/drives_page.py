@@ -10,8 +10,6 @@ import html
 from pathlib import Path
 from typing import List
 
-import numpy as np
-
 from applr_ros1.common.files import write_bytes
 from applr_ros1.drives.drive import ABORTED, REACHED, Goal
 from applr_ros1.drives.page import PageScene, Shown, page
@@ -23,7 +21,7 @@ FILE = "drives.html"
 MOST_TRIALS = 10  # largest number of drives per method and world on the page
 
 
-def write(results: Results, out: Path, title: str, back: str = "index.html") -> bool:
+def write(results: Results, out: Path, title: str, verdict: str, back: str = "index.html") -> bool:
     """Write the page into `out`.
 
     Return False, without a page, if no traces were kept.
@@ -32,6 +30,7 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
         results: Trials of an evaluation.
         out: Folder of the page.
         title: Title of the page.
+        verdict: What the drives show, in a line.
         back: Address of the report, to which the page links.
     """
     scenes = []
@@ -43,25 +42,16 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
         return False
     page_bytes = page(
         title=title,
-        verdict=_arrivals(results),
+        verdict=verdict,
         methods=results.methods,
         space=results.space,
         outline=results.outline,
         scenes=scenes,
-        marked=bool(results.settings.get("movers")),
+        marked=results.settings["movers"],
         back=f'<p><a href="{html.escape(back)}">Report</a></p>',
     )
     write_bytes(make_folder(out) / FILE, page_bytes)
     return True
-
-
-def _arrivals(results: Results) -> str:
-    """Return in a sentence in how many trials each method arrives."""
-    sentence_parts = []
-    for method in results.methods:
-        success = results.of(method, results.worlds).success
-        sentence_parts.append(f"{method} arrives in {success.sum()} of {len(success)} trials")
-    return ", ".join(sentence_parts)
 
 
 def shown_drives(results: Results, world: str) -> List[Shown]:
@@ -75,8 +65,5 @@ def shown_drives(results: Results, world: str) -> List[Shown]:
                 continue
             status = REACHED if row.success else ABORTED
             drive.goals = [Goal(world, 0.0, row.time_s, status, row.reason)]
-            if row.collided and not len(drive.contacts):
-                # An older trace does not tell when the robot touched something.
-                drive.contacts = np.array([np.inf])
             shown.append(Shown(number, row.trial, drive))
     return shown

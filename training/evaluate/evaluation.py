@@ -20,7 +20,6 @@ from training.common.command_line import RayAddress, Seed, SimulatorName, Worker
 from training.common.options import option
 from training.common.provenance import provenance
 from training.env.settings import PAPER, DriveSettings, TrialSettings
-from training.evaluate.differences import LOADED
 from training.evaluate.drive import drive
 from training.evaluate.runner import TrialWorld, content, content_of_worlds, run, world_list
 from training.evaluate.table import TrialTable
@@ -29,7 +28,16 @@ from training.workers.pool import Pool
 from worlds.loading import SPECIFICATIONS
 
 # Options that a continued evaluation must have again
-CONDITIONS = {"simulator", "protocol", "monitor", "matched", "movers", "seed"}
+CONDITIONS = {
+    "simulator",
+    "protocol",
+    "planner",
+    "loaded",
+    "monitor",
+    "matched",
+    "movers",
+    "seed",
+}
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -117,9 +125,6 @@ def settings(
     A continued evaluation must have the same ones.
     """
     robot = options.robot
-    planner: str = options.planner
-    if options.loaded:
-        planner += LOADED
     described = {}
     for name, specification in chosen:
         method = methods.make(specification, robot)
@@ -127,28 +132,14 @@ def settings(
         described[name] = {
             **method.describe(),
             "period_s": method.period,
+            "obstacle_range": method.obstacle_range,
             "redraws_stalled": method.redraws_stalled and not is_loaded,
         }
         if methods.USER_METHOD.match(specification):
             source = inspect.getsourcefile(type(method))
             described[name]["source_sha256"] = sha256(read_bytes(source)) if source else ""
-        # Only a method with a range of its own has it, so that older evaluations can be continued.
-        if method.obstacle_range is not None:
-            described[name]["obstacle_range"] = method.obstacle_range
-    names = []
-    specifications = []
-    with_movers = []
-    for name, specification, world in worlds:
-        names.append(name)
-        specifications.append(specification)
-        if world.movers:
-            with_movers.append(name)
+    # The worlds depend on the robot and the protocol: those are named first if they differ.
     return {
-        "worlds": names,
-        "worlds_with_movers": with_movers,
-        "worlds_sha256": content_of_worlds(worlds),
-        "world_specs": specifications,
-        "methods": described,
         "robot": {
             "name": robot.name,
             "outline": np.round(outline(robot), 3).tolist(),  # corners [m]
@@ -158,6 +149,10 @@ def settings(
             "sha256": content(robot),
         },
         **options.model_dump(include=CONDITIONS),
-        "planner": planner,
         "ground": robot.simulation.ground,
+        "worlds": [listed.name for listed in worlds],
+        "world_specs": [listed.specification for listed in worlds],
+        "worlds_with_movers": [listed.name for listed in worlds if listed.world.movers],
+        "worlds_sha256": content_of_worlds(worlds),
+        "methods": described,
     }

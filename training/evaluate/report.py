@@ -18,10 +18,11 @@ from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.page import SCENE
 from training.common.folders import make_folder
 from training.evaluate import drives_page
+from training.evaluate.evaluation import CONDITIONS
 from training.evaluate.profiles import profiles
 from training.evaluate.stored import SETS, TEST, Results
 from training.evaluate.tables import TABLES
-from training.evaluate.verdict import Judged, arrivals_of, compared, judged, sentence
+from training.evaluate.verdict import Judged, compared, judged
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +53,8 @@ def write(folder: os.PathLike[str] | str) -> str:
         write_bytes(report_folder / f"{table.name}.csv", rows.encode())
         body.append(table.html())
 
-    has_drives = drives_page.write(results, report_folder, title)
+    verdict = headline(results)
+    has_drives = drives_page.write(results, report_folder, title, verdict)
     if has_drives:
         link = "All drives in motion, world by world"
         body.append(f'<h2>Drives</h2><p><a href="{drives_page.FILE}">{link}</a></p>')
@@ -67,7 +69,7 @@ def write(folder: os.PathLike[str] | str) -> str:
     page = Page(
         kind="evaluation",
         title=title,
-        verdict=headline(results),
+        verdict=verdict,
         scripts=SCRIPTS,
         data=values,
         body="\n".join(body),
@@ -101,30 +103,16 @@ def _groups(results: Results) -> List[Dict[str, Any]]:
 
 
 def facts(results: Results) -> List[str]:
-    """Return sentences that describe how the trials were driven."""
+    """Return lines that describe how the trials were driven."""
     settings = results.settings
-    planner = settings["planner"]
-    if settings["monitor"]:
-        planner += ", with the collision monitor"
-        if settings.get("matched"):
-            planner += " in the frame of its matched poses"
-    if settings["movers"]:
-        planner += ", with predicted moving obstacles"
-    # An evaluation that was stopped has driven some methods or worlds less often than others.
-    counts = results.trials.groupby(["method", "world"]).size()
-    trials = str(counts.min())
-    if counts.max() > counts.min():
-        trials += f" to {counts.max()}"
     facts = [
-        f"{len(results.trials)} trials: {len(results.worlds)} worlds × {len(results.methods)} "
-        f"methods × {trials} trials. Protocol: {settings['protocol']}. "
-        f"Simulator: {settings['simulator']}, ground {settings['ground']}. "
-        f"Planner: {planner}."
+        f"{len(results.trials)} trials of {len(results.methods)} methods in {len(results.worlds)} "
+        "worlds, with the same seeds for all methods"
     ]
+    conditions = [f"{name} {settings[name]}" for name in (*sorted(CONDITIONS), "ground")]
+    facts.append(f"Conditions: {', '.join(conditions)}")
     if "wall_s" in settings:
-        wall_time = tqdm.format_interval(settings["wall_s"])
-        seed = settings["seed"]
-        facts.append(f"Wall time {wall_time}; base seed {seed}, the same seeds for all methods.")
+        facts.append(f"Wall time {tqdm.format_interval(settings['wall_s'])}")
     for session in settings.get("provenance", []):
         versions = ", ".join(map(" ".join, session["versions"].items()))
         session_text = "Driven on {date} with commit {commit} on {cpu} ({cores} cores)".format(
@@ -155,11 +143,10 @@ def summary(results: Results) -> List[str]:
 
 
 def headline(results: Results) -> str:
-    """Return the comparison of the best rival in a sentence."""
+    """Return the line about the best rival."""
     rivals = _judged(results)
     if not rivals:
         return f"{results.baseline} alone was driven."
     # A difference is a method's mean score less the baseline's [s]: the lowest is the best.
     best = min(rivals, key=lambda rival: rival.comparison.difference.value)
-    arrivals = arrivals_of(judged_trials(results), best.method, results.baseline)
-    return sentence(best.method, results.baseline, best.is_better, arrivals)
+    return compared(judged_trials(results), best)

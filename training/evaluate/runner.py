@@ -30,8 +30,8 @@ from applr_ros1.policy.pilot import Pilot
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
 from applr_ros1.stack.simulated import SimulatedRobot
+from training.attempts.loaded import loadable_space, move_base_parameters
 from training.env.settings import CHALLENGE, TrialSettings, under
-from training.evaluate.loaded import loadable_space, move_base_parameters
 from training.evaluate.trial import POLICY, Result, Trial
 from training.workers.collect import policy_layers
 from worlds import World
@@ -127,11 +127,8 @@ def content_of_worlds(worlds: Sequence[TrialWorld]) -> str:
         course = world.course
         for part in (world.cylinders, world.boxes, course.path):
             digest.update(part.tobytes())
-        digest.update(repr((name, course.start, course.goal, world.movers)).encode())
-        if course.planner_ends:
-            # Only these worlds are marked, so that evaluations of all others can be continued that
-            # began before planner_ends had an effect.
-            digest.update(b"the planner's word")
+        values = (name, course.start, course.goal, course.planner_ends, world.movers)
+        digest.update(repr(values).encode())
     return digest.hexdigest()
 
 

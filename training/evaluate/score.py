@@ -7,7 +7,7 @@ Reports, the selection of the best policy and the verdict on it compare methods 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, NamedTuple, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
@@ -157,6 +157,16 @@ def summary(results: Sequence[Result]) -> Dict[str, Any]:
         "time_s": _mean(times) if times else None,
         "score": _mean(list(map(seconds, results))),
     }
+
+
+def in_words(means: Mapping[str, Any]) -> str:
+    """Return means of summary() in words."""
+    time_in_words = "-" if means["time_s"] is None else f"{means['time_s']:.2f} s"
+    return (
+        f"{means['trials']} trials: success {means['success']:.3f}, collision "
+        f"{means['collided']:.3f}, time {time_in_words}, metric {means['metric']:.3f}, score "
+        f"{means['score']:.2f} s ({SECONDS_RULE})"
+    )
 
 
 def _mean_of(results: Sequence[Result], name: str) -> float:

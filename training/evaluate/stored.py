@@ -86,10 +86,7 @@ class Results:
     @property
     def outline(self) -> np.ndarray:
         """Corners (n, 2) of the robot's outline [m]."""
-        if "outline" in self.robot:
-            return np.array(self.robot["outline"])
-        # Older evaluations have length and width of the body.
-        return np.array(self.robot["body"]) * [(0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5)]
+        return np.array(self.robot["outline"])
 
     def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
         """Return the trials of a method in some worlds."""
@@ -130,9 +127,7 @@ class Results:
 
     def load(self, name: str) -> World:
         """Return a world of the evaluation, at the scale of its robot."""
-        # Older evaluations have neither a radius nor maps, which need one.
-        radius = self.robot.get("radius", 0.0)
-        world = worlds_package.load(self._specifications[name], radius)
+        world = worlds_package.load(self._specifications[name], self.robot["radius"])
         return worlds_package.scaled(
             under(self.settings["protocol"], world), self.robot["world_scale"]
         )

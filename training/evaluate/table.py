@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 # Names of files and folders in the folder of a table
 TRIALS = "trials.csv"
 SETTINGS = "evaluation.json"
-OLDER = {"matched": False}  # settings of versions that did not write them
 TRACES = "traces"
 # Types of the columns: those that identify a trial, then those of its result
 COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}
@@ -40,8 +39,6 @@ for _field in fields(Result):
     COLUMNS[_field.name] = _field.type
     if _field.type == "float":
         NAN[_field.name] = ["nan"]
-# Columns that tables of older versions lack; their values are missing then.
-LATER_COLUMNS = ("contact_speed",)
 DECIMALS = 4  # precision of the numbers in a table
 
 
@@ -56,22 +53,16 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
     if Path(path).exists():
         file_bytes = read_bytes(path)
     whole_lines = file_bytes[: file_bytes.rfind(b"\n") + 1] or _lines([tuple(COLUMNS)])
-    first_line, _, _ = whole_lines.partition(b"\n")
-    in_file = first_line.decode(errors="replace").split(",")
-    columns = []
-    for column in COLUMNS:
-        if column in in_file or column not in LATER_COLUMNS:
-            columns.append(column)
     with reading(path):
         trials = pd.read_csv(
             io.BytesIO(whole_lines),
-            usecols=columns,
+            usecols=list(COLUMNS),
             dtype=COLUMNS,
             keep_default_na=False,
             na_values=NAN,
         )
         # usecols keeps the order of the file.
-        return trials.reindex(columns=list(COLUMNS)).round(DECIMALS)
+        return trials[list(COLUMNS)].round(DECIMALS)
 
 
 class TrialTable:
@@ -101,7 +92,7 @@ class TrialTable:
             self.notes: Dict[str, Any] = dict(read_json(settings_file))
         # As JSON, because a tuple would differ from the list that was read.
         as_json = json.loads(json.dumps(settings))
-        problem = difference(self.folder, {**OLDER, **self.notes}, as_json)
+        problem = difference(self.folder, self.notes, as_json)
         if problem:
             raise ApplrError(problem)
         self._lock = Lock(self.folder, "./applr evaluate")

@@ -383,7 +383,7 @@ def methods(results: Results) -> TableRows:
     """Tabulate the methods, as recorded when they were driven."""
     for name in results.methods:
         parts = []
-        for key, value in results.settings.get("methods", {}).get(name, {}).items():
+        for key, value in results.settings["methods"].get(name, {}).items():
             if isinstance(value, dict):
                 value = ", ".join(f"{item} {_text_of(part)}" for item, part in value.items())
             parts.append(f"{key}: {value}")

@@ -57,7 +57,7 @@ class Result:
         mean_turn: Mean magnitude of the yaw acceleration [rad/s^2].
         switching: Mean change of the parameters per decision, in action units.
         total_reward: Sum of the rewards.
-        contact_speed: True speed at the first contact [m/s]; NaN without one, and in older tables.
+        contact_speed: True speed at the first contact [m/s]; NaN without one.
     """
 
     success: bool = False

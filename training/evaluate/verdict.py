@@ -157,67 +157,6 @@ def _table(trials: pd.DataFrame) -> pd.DataFrame:
     return counts.join(means.rename(columns=MEANS))
 
 
-class Arrivals(NamedTuple):
-    """Arrivals of two methods in the same drives.
-
-    Attributes:
-        drives: Number of drives that each method made.
-        method: Number of arrivals of the method.
-        other: Number of arrivals of the other method.
-        both: Number of drives in which both arrive.
-        method_s: Mean time of the method in these [s]; NaN if there are none.
-        other_s: Mean time of the other method in these [s].
-    """
-
-    drives: int
-    method: int
-    other: int
-    both: int
-    method_s: float
-    other_s: float
-
-
-def arrivals_of(trials: pd.DataFrame, method: str, other: str) -> Arrivals:
-    """Return the arrivals of two methods in the drives that both have made."""
-    # An unfinished evaluation may hold drives of one method only.
-    of_pair = trials[trials.method.isin([method, other])].set_index(DRIVE)
-    success = of_pair.pivot(columns="method", values="success").dropna().astype(bool)
-    both_arrive = success.index[success.all(axis=1)]
-    times = of_pair.pivot(columns="method", values="time_s").loc[both_arrive].mean()
-    return Arrivals(
-        len(success),
-        int(success[method].sum()),
-        int(success[other].sum()),
-        len(both_arrive),
-        float(times[method]),
-        float(times[other]),
-    )
-
-
-def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
-    """Return a comparison in a sentence, for the top of a page.
-
-    Args:
-        name: What is compared, in words.
-        other: What it is compared with.
-        is_better: Whether it is clearly better.
-        arrivals: Arrivals of both.
-    """
-    relation = "is better than" if is_better else "is not clearly better than"
-    if arrivals.method == arrivals.other:
-        arrivals_in_words = f"as many drives arrive ({arrivals.method} of {arrivals.drives})"
-    else:
-        arrivals_in_words = (
-            f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
-        )
-    comparison_line = f"{name} {relation} {other}: {arrivals_in_words}"
-    if arrivals.both:
-        # Drives in which only one arrives have no times to compare.
-        times_in_words = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
-        comparison_line += f"; where both arrive, {times_in_words}"
-    return comparison_line
-
-
 def compared(trials: pd.DataFrame, judgement: Judged) -> str:
     """Return a line on whether a method is better than another.
 
@@ -228,14 +167,19 @@ def compared(trials: pd.DataFrame, judgement: Judged) -> str:
         judgement: What was found of them.
     """
     method, other, comparison, level, flaw = judgement
-    arrivals = arrivals_of(trials, method, other)
+    # An unfinished evaluation may hold drives of one method only.
+    of_pair = trials[trials.method.isin([method, other])].set_index(DRIVE)
+    success = of_pair.pivot(columns="method", values="success").dropna().astype(bool)
     findings = [
         f"{method} better: {'yes' if judgement.is_better else 'no'}, "
-        f"{arrivals.method} of {arrivals.drives} arrive ({other}: {arrivals.other})"
+        f"{success[method].sum()} of {len(success)} arrive ({other}: {success[other].sum()})"
     ]
-    if arrivals.both:
-        change = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
-        findings.append(f"{change} where both arrive ({arrivals.both} drives)")
+    # Drives in which only one arrives have no times to compare.
+    both_arrive = success.index[success.all(axis=1)]
+    if len(both_arrive):
+        times = of_pair.pivot(columns="method", values="time_s").loc[both_arrive].mean()
+        change = f"{times[method]:.1f} s instead of {times[other]:.1f} s"
+        findings.append(f"{change} where both arrive ({len(both_arrive)} drives)")
 
     if math.isnan(comparison.p):
         findings.append("too few courses to tell")

@@ -86,7 +86,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     scan = next(iter(parameters.scans()), {})
     urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
     frame = scan.get("sensor_frame", "").lstrip("/")
-    described = describe(urdf, parameters.wheels, parameters.footprint(), options.laser, frame)
+    described = describe(urdf, parameters.wheels, parameters.outline(), options.laser, frame)
     add_parameters(described, parameters)
 
     # Content of robot.yaml

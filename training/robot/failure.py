@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 
-import numpy as np
-
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, DrivenToGoal
-from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full
+from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full, wheel_slip
+from applr_ros1.planner.dwa.planner import VELOCITY_LIMITS
 from applr_ros1.why.reasons import blocked, no_plan
-from applr_ros1.why.stretch import Stretch, durations, first_of
+from applr_ros1.why.stretch import Stretch, first_of
 
 STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
 DRIVE_SHARE = 0.1  # share of a drive from which on an observation is the reason of its failure
-# Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
-SLIP_RATIO = 2.0
-SLIP_M = 1.0
+SLIP_SHARE = 0.5  # share of the odometry's way from which on wheels slip
 
 
 def failure_of(drive: Drive) -> str:
@@ -56,24 +53,22 @@ def refused(stretch: Stretch) -> str:
         rejected.update(critics)
     del rejected["samples"]  # It counts the velocities themselves.
     critic = rejected.most_common(1)[0][0]
+    cause = f"the critic {critic}"
+    if critic == VELOCITY_LIMITS:
+        cause = "its velocity limits (min_vel_trans, min_vel_theta, max_vel_trans)"
     return (
         f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, "
-        f"mostly by {critic}"
+        f"mostly because of {cause}"
     )
 
 
 def slipping(stretch: Stretch) -> str:
-    """Return that the robot moved much less than was commanded, or "".
-
-    Wheels that slip turn without moving it.
-    """
-    commands = stretch.part(stretch.drive.commands)
-    motion = stretch.part(stretch.drive.truth)
-    if commands is None or motion is None:
+    """Return that the wheels turned without moving the robot, or ""."""
+    odometry = stretch.part(stretch.drive.odometry)
+    truth = stretch.part(stretch.drive.truth)
+    if odometry is None or truth is None:
         return ""
-    speeds = np.abs(commands.twist[:, 0])
-    commanded = float(speeds @ durations(commands, stretch.end))
-    driven = motion.length
-    if commanded <= SLIP_M + SLIP_RATIO * driven:
+    slip = wheel_slip(odometry, truth)
+    if slip <= SLIP_SHARE * odometry.length:
         return ""
-    return f"it moves {driven:.1f} m although {commanded:.1f} m are commanded"
+    return f"its wheels slip by {slip:.1f} m over {odometry.length:.1f} m"

@@ -46,8 +46,6 @@ class DatasetOptions(BagOptions):
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
     move_base: str = option(TopicNames.move_base,
         "Namespace of move_base in the bags, whose goals are read.")
-    applr: str = option(TopicNames.applr,
-        "Namespace of the applr node in the bags, whose decisions are read.")
     # fmt: on
 
 
@@ -84,7 +82,6 @@ def run(options: DatasetOptions) -> None:
     # Episodes, and for each bag what it gave and why the rest cannot be used
     all_episodes: List[Trajectory] = []
     all_skipped: Counter[str] = Counter()
-    rows: List[Dict[str, Any]] = []
     periods = set()
     for bag in bags:
         episodes: List[Trajectory] = []
@@ -104,9 +101,6 @@ def run(options: DatasetOptions) -> None:
         all_episodes += episodes
         all_skipped += skipped
         count, stood = _size(episodes)
-        rows.append(
-            {"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped}
-        )
         reasons = "".join(f"; skipped {times}: {why}" for why, times in sorted(skipped.items()))
         print(f"{bag}: {count} transitions in {len(episodes)} episodes, {stood}{reasons}")
     if not all_episodes:
@@ -119,8 +113,9 @@ def run(options: DatasetOptions) -> None:
     (only_period,) = periods or {PERIOD}
 
     # Settings that ./applr train compares with its options (dataset_of in learner/prepare.py)
-    about: Dict[str, Any] = {"bags": rows, "robot": robot.name, "observation": learnt.observation}
+    about: Dict[str, Any] = {"robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
+    about["bags"] = [bag.name for bag in bags]
     about["decision_period"] = round(only_period, 3)
     dataset.write(make_folder(folder), layout, all_episodes, about)
     count, stood = _size(all_episodes)

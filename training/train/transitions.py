@@ -47,11 +47,13 @@ class Skipped(ApplrError):
     """
 
 
-class Observed(NamedTuple):
-    """Decision, or end of a course, whose inputs were recorded."""
+class Moment(NamedTuple):
+    """Moment of a course: a decision, or an end, with the robot's place (x, y) [m]."""
 
     decision: Decision
     seen: Seen
+    place: Tuple[float, ...]
+    is_end: bool
 
 
 class Recorded(NamedTuple):
@@ -68,17 +70,8 @@ class Recorded(NamedTuple):
     drive: Drive
     scans: Scans
     odometry: Motion
-    decisions: List[Observed]
-    ends: List[Observed]
-
-
-class Moment(NamedTuple):
-    """Moment of a course: a decision, or an end, with the robot's place (x, y) [m]."""
-
-    decision: Decision
-    seen: Seen
-    place: Tuple[float, ...]
-    is_end: bool
+    decisions: List[Moment]
+    ends: List[Moment]
 
 
 @dataclass
@@ -160,8 +153,8 @@ def _recorded(drive: Drive, encoding: Encoding, topics: TopicNames) -> Recorded:
     for column in ("scans", "odometry", "goals"):
         if not getattr(drive, column):
             raise BagError(f"no {column} on {topic_of(column, topics)}")
-    decisions = _observed(drive.decisions)
-    ends = _observed(drive.ends)
+    decisions = _observed(drive.decisions, is_end=False)
+    ends = _observed(drive.ends, is_end=True)
     odometry, scans = drive.require(Measured)
     apart = scans_apart(scans, odometry)
     if apart:
@@ -173,17 +166,18 @@ def _recorded(drive: Drive, encoding: Encoding, topics: TopicNames) -> Recorded:
     return Recorded(drive, scans, odometry, decisions, ends)
 
 
-def _observed(decisions: Sequence[Decision]) -> List[Observed]:
-    """Return decisions with their inputs.
+def _observed(decisions: Sequence[Decision], is_end: bool) -> List[Moment]:
+    """Return decisions, or the ends of courses, with their inputs.
 
     Raises:
         BagError: An older node published them without the inputs that they were based on.
     """
     observed = []
     for decision in decisions:
-        if decision.seen is None:
+        seen = decision.seen
+        if seen is None:
             raise BagError("its decisions were recorded by an older version, without their inputs")
-        observed.append(Observed(decision, decision.seen))
+        observed.append(Moment(decision, seen, seen.pose[:2], is_end))
     return observed
 
 
@@ -233,7 +227,7 @@ def _states(
         raise Skipped("shorter than one decision")
 
     states: List[State] = []
-    encoding.reset()
+    encoding.forget_decision()
     for decision_count, moment in enumerate(moments):
         decision = moment.decision
         theta_before = _theta(encoding, decision.before)
@@ -249,21 +243,21 @@ def _states(
             states[-1].outcome = _outcome(recorded.drive, encoding.robot, result, *states[-2:])
         if moment.is_end:
             # The encoding remembers earlier observations, which a new course must not see.
-            encoding.reset()
+            encoding.forget_decision()
     return states
 
 
-def _of_goal(decisions: Sequence[Observed], goal: Goal, until: float) -> List[Observed]:
+def _of_goal(moments: Sequence[Moment], goal: Goal, until: float) -> List[Moment]:
     """Return the decisions or ends of a goal until a time [s]."""
-    decisions_of_goal = []
-    for observed in decisions:
-        if observed.decision.goal == goal.id and observed.decision.time <= until:
-            decisions_of_goal.append(observed)
-    return decisions_of_goal
+    moments_of_goal = []
+    for moment in moments:
+        if moment.decision.goal == goal.id and moment.decision.time <= until:
+            moments_of_goal.append(moment)
+    return moments_of_goal
 
 
 def _moments(
-    odometry: Motion, goal: Goal, decisions: Sequence[Observed], ends: Sequence[Observed]
+    odometry: Motion, goal: Goal, decisions: Sequence[Moment], ends: Sequence[Moment]
 ) -> List[Moment]:
     """Return decisions and ends in order of time.
 
@@ -271,50 +265,48 @@ def _moments(
     that was reached or aborted ends with the observation of the last decision, because the value of
     a terminal state is not used.
     """
-    moments = []
-    for decision, seen in decisions:
-        moments.append(Moment(decision, seen, seen.pose[:2], is_end=False))
-    for end_decision, seen in ends:
-        in_time = end_decision._replace(time=min(end_decision.time, goal.end))
-        moments.append(Moment(in_time, seen, seen.pose[:2], is_end=True))
+    moments = [*decisions]
+    for end in ends:
+        in_time = end.decision._replace(time=min(end.decision.time, goal.end))
+        moments.append(end._replace(decision=in_time))
     moments.sort(key=lambda moment: moment.decision.time)
 
     latest_moment = moments[-1]
     is_recorded = latest_moment.is_end and latest_moment.decision.time > goal.end - USABLE_AGE_S
-    last_decision, last_seen = decisions[-1]
+    last_moment = decisions[-1]
+    last_decision = last_moment.decision
     if goal.has_ended and last_decision.time < goal.end and not is_recorded:
         values_at_end = last_decision.after or last_decision.before
         end_decision = last_decision._replace(time=goal.end, before=values_at_end)
-        _, places = _driven(odometry, decisions[-1], goal.end)
-        moments.append(Moment(end_decision, last_seen, tuple(places[-1]), is_end=True))
+        _, places = _driven(odometry, last_moment, goal.end)
+        moments.append(Moment(end_decision, last_moment.seen, tuple(places[-1]), is_end=True))
     return moments
 
 
-def _finished(odometry: Motion, goal: Goal, decisions: List[Observed], finish: float) -> Goal:
+def _finished(odometry: Motion, goal: Goal, decisions: List[Moment], finish: float) -> Goal:
     """Return the goal, which ends as reached once the robot has driven `finish` [m] towards it."""
-    start_position = np.array(decisions[0].seen.pose[:2])
-    end_times = [*(observed.decision.time for observed in decisions[1:]), goal.end]
-    for observed, until in zip(decisions, end_times):
-        times, places = _driven(odometry, observed, until)
-        towards = np.array(observed.seen.goal[:2]) - start_position
+    start_position = np.array(decisions[0].place)
+    end_times = [*(moment.decision.time for moment in decisions[1:]), goal.end]
+    for moment, until in zip(decisions, end_times):
+        times, places = _driven(odometry, moment, until)
+        towards = np.array(moment.seen.goal[:2]) - start_position
         is_past = (places - start_position) @ towards >= finish * np.hypot(*towards)
         if is_past.any():
             return goal._replace(end=float(times[np.argmax(is_past)]), status=REACHED)
     return goal
 
 
-def _driven(motion: Motion, observed: Observed, until: float) -> Tuple[np.ndarray, np.ndarray]:
+def _driven(motion: Motion, moment: Moment, until: float) -> Tuple[np.ndarray, np.ndarray]:
     """Return times (n,) [s] and positions (n, 2) [m] of the robot after a decision.
 
     The positions are in the decision's frame. They begin with the pose in the decision, which is
     for the time of its scan, and continue by odometry.
     """
-    decision, seen = observed
-    first_row = int(np.argmin(np.abs(motion.stamp - decision.scan_time)))
+    first_row = int(np.argmin(np.abs(motion.stamp - moment.decision.scan_time)))
     later_rows = np.flatnonzero((motion.stamp > motion.stamp[first_row]) & (motion.stamp <= until))
     rows = np.append(first_row, later_rows)
     # Transform that brings the odometry's first pose to that in the decision
-    from_odometry = compose(seen.pose, inverse(tuple(motion.pose[first_row].tolist())))
+    from_odometry = compose(moment.seen.pose, inverse(tuple(motion.pose[first_row].tolist())))
     x, y = transform_point(from_odometry, motion.pose[rows, 0], motion.pose[rows, 1])
     return motion.stamp[rows], np.column_stack([x, y])
 

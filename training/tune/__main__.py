@@ -24,6 +24,7 @@ from typing import Optional, Sequence
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.robots import NAMES
+from training.attempts.candidates import search_space
 from training.common.command_line import continuable, parsed, robot_name
 from training.common.folders import make_folder
 from training.env.settings import CHALLENGE
@@ -33,7 +34,7 @@ from training.evaluate.table import TrialTable
 from training.evaluate.verdict import SET
 from training.robot import open_floor
 from training.robot.open_floor import show
-from training.tune.best_set import best_set, drives_of, search_space, warm_starts
+from training.tune.best_set import best_set, drives_of, warm_starts
 from training.tune.clock import SearchClock
 from training.tune.found_set import (
     NEXT,

@@ -24,9 +24,9 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.parameter_space import ParameterSet, Space, space_of
 from applr_ros1.robots import NAMES, Robot, load
+from training.attempts.candidates import search_space
 from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluate.drive import drive
-from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialWorld, run
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import TrialTable
@@ -58,7 +58,6 @@ SEARCH: Dict[str, Any] = {
     "population": 12,
     "worlds_per_set": 20,
 }
-RANGE_BOUNDS_M = 1.0, 8.0  # bounds of the obstacle range, for the Jackal's size [m]
 COARSE = "kinematic"  # simulator of the first part of the search
 FINE = "pybullet"  # simulator of everything after it
 # time limit of a drive of the search, in optimal times of the longest course
@@ -146,36 +145,6 @@ class Driver:
         if searched_range == self._space.theta0[-1]:
             needed_range = None
         return replace(trial, theta=tuple(theta), obstacle_range=needed_range)
-
-
-def search_space(robot: Robot) -> Space:
-    """Return the space of a search.
-
-    `chosen` are the parameters that can be loaded (loadable_space) and, as the last one, the
-    obstacle range, which move_base reads only at its start. The range is left out if the robot's
-    files have none for a laser, or several, or if its laser is too short for another.
-    """
-    space = loadable_space(robot)
-    sources = obstacle_range.laser_sources(robot.parameters())
-    ranges_in_files = {source.obstacle_range for source in sources}
-    if len(ranges_in_files) != 1:
-        return space
-    (range_in_files,) = ranges_in_files
-    nearest, farthest = (robot.world_scale * bound for bound in RANGE_BOUNDS_M)
-    farthest = min(farthest, robot.laser.range_max)
-    shortest_range = min(nearest, range_in_files)
-    longest_range = max(farthest, range_in_files)
-    if shortest_range >= longest_range:
-        return space
-    return replace(
-        space,
-        names=(*space.names, obstacle_range.NAME),
-        low=np.append(space.low, shortest_range),
-        high=np.append(space.high, longest_range),
-        integer=np.append(space.integer, False),
-        theta0=np.append(space.theta0, range_in_files),
-        targets={**space.targets, obstacle_range.NAME: ()},
-    )
 
 
 def best_set(

@@ -16,15 +16,15 @@ from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import declaration
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
+from training.attempts.candidates import search_space
+from training.attempts.loaded import move_base_parameters
 from training.common.command_line import robot_name
 from training.env.settings import CHALLENGE
 from training.evaluate.evaluation import EvaluationOptions, evaluate
-from training.evaluate.loaded import move_base_parameters
 from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
 from training.evaluate.verdict import SET, ComparisonVerdict, paired_trials, verdict
-from training.tune.best_set import search_space
 from training.tune.options import TuneOptions
 from training.tune.search import Effect
 from worlds.world import clearance

@@ -14,7 +14,7 @@ from training.evaluate import drives_page
 from training.evaluate.report import facts
 from training.evaluate.stored import Results
 from training.evaluate.trial import BASELINE
-from training.evaluate.verdict import SET, arrivals_of, sentence
+from training.evaluate.verdict import SET
 from training.tune.found_set import NEXT, Judgement
 
 if TYPE_CHECKING:
@@ -47,12 +47,15 @@ def write(
     """
     title = f"Tuned parameters of {robot.name}"
     verdicts: List[Dict[str, Any]] = []
-    sentences = []
+    headlines = []
     measured = scope.splitlines()
     for judgement in judgements:
         folder = drives / judgement.monitor
         results = Results(folder)
-        has_drives = drives_page.write(results, folder, title, f"../{FILE}")
+        _, comparison, *_ = judgement.lines
+        headline = f"{judgement.file}: {comparison}"
+        headlines.append(headline)
+        has_drives = drives_page.write(results, folder, title, headline, f"../{FILE}")
         courses = [_course(results, world) for world in results.worlds]
         verdicts.append(
             {
@@ -62,15 +65,10 @@ def write(
                 "drives": f"{folder.name}/{drives_page.FILE}" if has_drives else "",
             }
         )
-        arrivals = arrivals_of(results.trials, SET, BASELINE)
-        sentences.append(sentence(judgement.file, "the defaults", judgement.is_better, arrivals))
         measured += [f"{judgement.file}:", *judgement.lines[1:], *facts(results)]
     # The first file that is written, or the first one if none is
-    headline = sentences[0]
-    for judgement, verdict_sentence in zip(judgements, sentences):
-        if judgement.is_better:
-            headline = verdict_sentence
-            break
+    are_better = [judgement.is_better for judgement in judgements]
+    headline = headlines[are_better.index(True) if any(are_better) else 0]
     page_values = {
         # Pandas writes null for an interval that a single course does not have.
         "changes": json.loads(changed.to_json(orient="records")),

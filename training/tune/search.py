@@ -17,7 +17,7 @@ from applr_ros1.common.files import sha256
 from applr_ros1.policy.parameter_space import Space
 from training.attempts.verdict import clearly_worse, over_worlds
 from training.evaluate.periodic import CHOOSING
-from training.evaluate.score import summary
+from training.evaluate.score import in_words, summary
 from training.evaluate.trial import Trial, seed_of
 
 BLOCK = 8  # number of trials per set between two tests of a race
@@ -70,13 +70,7 @@ class Raced(NamedTuple):
 
     @override
     def __str__(self) -> str:
-        means = summary(self.results)
-        arrivals = f"{100 * means['success']:.0f} % arrive"
-        contacts = f"{100 * means['collided']:.0f} % touch something"
-        return (
-            f"cost {self.costs.mean():.2f} s in {means['trials']} drives "
-            f"({arrivals}, {contacts}, metric {means['metric']:.3f})"
-        )
+        return f"cost {self.costs.mean():.2f} s in {in_words(summary(self.results))}"
 
 
 def plan_sets(

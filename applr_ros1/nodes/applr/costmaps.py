@@ -26,7 +26,7 @@ class Costmaps:
         self._service = f"{namespace.rstrip('/')}/clear_costmaps"
         self._call: Optional[Future[None]] = None
 
-    def clear(self) -> None:
+    def request_clearing(self) -> None:
         """Begin to clear both costmaps."""
         if self._call is None or self._call.done():
             self._call = called(self._clear)

@@ -64,13 +64,13 @@ class RobotInputs:
         goal_topic = move_base + "/current_goal"
         self._plan_topic = rospy.resolve_name(plan_topic)
         self._lock = threading.Lock()  # guards the messages
-        self.clear()
+        self.drop_messages()
         rospy.Subscriber(plan_topic, Path, self._on_plan, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(goal_topic, PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
-    def clear(self) -> None:
+    def drop_messages(self) -> None:
         """Drop all data after the clock jumped back."""
         self._sensors.forget()
         with self._lock:

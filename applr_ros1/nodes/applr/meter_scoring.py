@@ -88,7 +88,7 @@ class MeterScoring:
         self._since: Optional[rospy.Time] = None  # ROS time at which the node subscribed
         self._line = ""
 
-    def update(self, now: rospy.Time, driving: bool) -> bool:
+    def detect(self, now: rospy.Time, driving: bool) -> bool:
         """Subscribe to clouds while the factor is unknown, and report it to the client.
 
         Args:

@@ -128,7 +128,7 @@ class ApplrNode:
     def _clock_jumped(self) -> None:
         """Drop all inputs and the course, and request theta_0."""
         rospy.logwarn("applr: the clock jumped back; starting anew with theta_0")
-        self.inputs.clear()
+        self.inputs.drop_messages()
         with self._deciding:
             self._request(self.supervisor.forget_course())
 
@@ -184,7 +184,7 @@ class ApplrNode:
             if supervisor.enabled and not self.inputs.has_lost_move_base(now):
                 rospy.loginfo("applr: the goal has ended")
         self._request(supervisor.pursue(goal, now.to_sec()))
-        if self.client.connected and self.meter_scoring.update(now, goal is not None):
+        if self.client.connected and self.meter_scoring.detect(now, goal is not None):
             self.client.reapply()  # The parameters in force were sent with other multipliers.
             self._publish_parameters()
         is_settled = not self.client.busy and not self.meter_scoring.waits(now)
@@ -200,7 +200,7 @@ class ApplrNode:
             return
         ruling = self.supervisor.decide(now.to_sec(), context)
         if ruling.clears_costmaps:
-            self._costmaps.clear()
+            self._costmaps.request_clearing()
         self._request(ruling.request)
         self.topics.decision(ruling, now, self.supervisor.goal, snapshot, context)
 
@@ -294,7 +294,7 @@ class ApplrNode:
             **{name: counts.get(name, 0) for name in COUNTS},
             "method": self.method.name if supervisor.enabled else "off",
             "driving": supervisor.in_force,
-            "stalls": supervisor.pilot.stalled_decisions,
+            "stalls": supervisor.pilot.stall_rule.count,
             "max_speed": f"{supervisor.pilot.max_speed:g}",
             "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
             "goal": supervisor.goal or "none",

@@ -118,7 +118,7 @@ class ServerClient:
         declared = self.declared[self.names[target.name]]
         return float(max(target.signed(declared["min"]), target.signed(declared["max"])))
 
-    def request(self, values: Mapping[str, Any]) -> Dict[str, float]:
+    def bounded(self, values: Mapping[str, Any]) -> Dict[str, float]:
         """Return {name of a target: value} with this server's names, within its bounds.
 
         The server would clamp the values itself, but its answer must equal the request. The library
@@ -133,14 +133,14 @@ class ServerClient:
             request[name] = float(min(max(value, smallest), largest))
         return request
 
-    def has(self, request: Mapping[str, Any]) -> bool:
+    def has_set(self, request: Mapping[str, Any]) -> bool:
         """Return whether a request's values are in force.
 
         False until a restarted server has been set.
         """
         return not self._is_restarted and are_in_force(request, self.values)
 
-    def set(self, request: Mapping[str, Any]) -> None:
+    def begin_call(self, request: Mapping[str, Any]) -> None:
         """Begin a call that sets a request's values. The former call must have ended."""
         self.call = called(self._set, dict(request))
 
@@ -154,10 +154,10 @@ class ServerClient:
             self._client.update_configuration(dict(request))
             self._is_restarted = False
             deadline = time.monotonic() + ANNOUNCED_S
-            while not self.has(request) and time.monotonic() < deadline:
+            while not self.has_set(request) and time.monotonic() < deadline:
                 time.sleep(0.002)
             for name, value in request.items():
-                if not self.has({name: value}):
+                if not self.has_set({name: value}):
                     present_value = self.values.get(name)
                     error = f"{self.name}: {name} is {present_value} instead of {value}"
                     break
@@ -396,15 +396,15 @@ class ReconfigureClient:
             # Calls of all servers at once, but none beside an earlier call of the same server.
             requests = self._requests(self._sent)
             for server, request in requests:
-                if server.call.done() and not server.has(request):
-                    server.set(request)
+                if server.call.done() and not server.has_set(request):
+                    server.begin_call(request)
             wait([server.call for server, _ in requests], seconds)
 
             errors = []
             for server, request in requests:
                 if not server.call.done():
                     errors.append(f"{server.name} does not answer")
-                elif not server.has(request):
+                elif not server.has_set(request):
                     busy_problem = f"{server.name} was busy with an earlier call"
                     errors.append(server.call.result() or busy_problem)
             return "; ".join(errors)
@@ -414,7 +414,7 @@ class ReconfigureClient:
         requests = []
         for server_name, values in self._converted(request).items():
             server = self.servers[server_name]
-            requests.append((server, server.request(values)))
+            requests.append((server, server.bounded(values)))
         return requests
 
     def start(self) -> None:
@@ -439,7 +439,7 @@ class ReconfigureClient:
         with self._requesting:
             if self._requested is not None:
                 requests = self._requests(self._requested)
-                self.busy = not all(server.has(request) for server, request in requests)
+                self.busy = not all(server.has_set(request) for server, request in requests)
 
     def stop(self) -> None:
         """End the thread and drop the open request."""

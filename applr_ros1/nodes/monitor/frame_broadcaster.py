@@ -38,7 +38,7 @@ class FrameBroadcaster:
         """Forget the last transform after the clock jumped back."""
         self._broadcast_time = rospy.Time(0)  # time of the last transform
 
-    def update(self, now: rospy.Time, correction: Pose) -> None:
+    def broadcast(self, now: rospy.Time, correction: Pose) -> None:
         """Broadcast the correction if the last transform is PERIOD_S old.
 
         Args:

@@ -1,4 +1,4 @@
-"""Adapter between the topics of move_base and a CommandChain, for the collision monitor's node.
+"""Adapter between the topics of move_base and a StalledPlanner, for the collision monitor's node.
 
 The status of move_base gives the active goal, and its global plan the distance to the goal.
 """

@@ -45,7 +45,7 @@ from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import RosClock, Sensors
 from applr_ros1.robots import Robot
 from applr_ros1.senses.standing import HANDED_OVER, JUDGED_AGE_S
-from applr_ros1.stack.command_chain import CommandChain, StalledPlanner
+from applr_ros1.stack.command_chain import StalledPlanner, judged
 
 from .frame_broadcaster import FrameBroadcaster
 from .guard import Heartbeat
@@ -93,12 +93,12 @@ class CollisionMonitorNode:
         # Escape motions are for the C++ move_base. This package's planner makes its own.
         actions = [PASS, BRAKE, SLOW, STOP]
         self._planner: Optional[MoveBaseProgress] = None
-        self._command_chain = CommandChain()
+        self._stalled_planner: Optional[StalledPlanner] = None
         if escape:
             actions.append(ESCAPE)
             self._planner = MoveBaseProgress()
             tolerance = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
-            self._command_chain = CommandChain(StalledPlanner(tolerance))
+            self._stalled_planner = StalledPlanner(tolerance)
         self._reports = MonitorReports(actions)
 
         self._scan_topic = robot.topics.scan
@@ -131,7 +131,7 @@ class CollisionMonitorNode:
             with self._lock:
                 try:
                     self._take_scans()
-                    self._broadcaster.update(self._clock.now, self.monitor.matched_frame.correction)
+                    self._broadcaster.broadcast(self._clock.now, self.monitor.matcher.correction)
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)
@@ -242,7 +242,7 @@ class CollisionMonitorNode:
         if only_escapes and motion is None:
             return False
         self._zeros = 0
-        verdict = self._command_chain.judged(command, motion, self._judge)
+        verdict = judged(command, motion, self._judge, self._stalled_planner)
         if motion is not None:
             reason = "move_base makes no progress"
             if verdict.reason:
@@ -260,13 +260,13 @@ class CollisionMonitorNode:
 
         The first motion is logged.
         """
-        escapes = self._command_chain.escapes
-        if escapes is None or self._planner is None or self._stalled:
+        stalled_planner = self._stalled_planner
+        if stalled_planner is None or self._planner is None or self._stalled:
             return None
-        had_stalled = escapes.has_stalled
+        had_stalled = stalled_planner.has_stalled
         progress = self._planner.progress(self._clock.now)
-        motion = self._command_chain.escape(self._clock.now.to_sec(), command, progress)
-        if escapes.has_stalled and not had_stalled:
+        motion = stalled_planner.escape_motion(self._clock.now.to_sec(), command, progress)
+        if stalled_planner.has_stalled and not had_stalled:
             problem = "collision monitor: move_base makes no progress"
             rospy.logwarn("%s; trying small escape motions", problem)
         return motion
@@ -278,9 +278,9 @@ class CollisionMonitorNode:
         self._commands.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         # The frame must not jump for a planner that drives in it.
-        correction = self.monitor.matched_frame.correction
+        correction = self.monitor.matcher.correction
         self.monitor.reset()
-        self.monitor.matched_frame.correction = correction
+        self.monitor.matcher.correction = correction
         reason = f"the monitor failed: {problem!r}; please report it"
         self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 
@@ -318,6 +318,7 @@ class CollisionMonitorNode:
         values = {
             "action": verdict.action,
             "scale": f"{verdict.scale:.2f}",
+            "matching": self.monitor.matcher.report,
             "remembered": len(self.monitor.memory.points),
             **self._reports.counts,
             **self.sensors.ages(now),

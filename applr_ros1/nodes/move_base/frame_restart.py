@@ -33,7 +33,7 @@ class FrameRestart:
         """Forget the frame after the clock jumped back."""
         self._last: Optional[LastCorrection] = None
 
-    def take(self, now: float, odometry: Pose) -> Optional[Pose]:
+    def jump(self, now: float, odometry: Pose) -> Optional[Pose]:
         """Return the pose of the previous frame in the new one, or None if it is the same.
 
         Args:

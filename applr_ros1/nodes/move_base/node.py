@@ -231,7 +231,7 @@ class MoveBaseNode:
         odometry_pose = self.sensors.place_of(self._odometry_frame)
         if odometry_pose is None:
             return
-        change = self._frame_restart.take(now, odometry_pose)
+        change = self._frame_restart.jump(now, odometry_pose)
         if change is None:
             return
         rospy.logwarn(

@@ -25,7 +25,7 @@ from applr_ros1.common.errors import run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.prediction import Prediction
-from applr_ros1.movers.tracker import warm_up
+from applr_ros1.movers.tracker import MoverTracker, warm_up
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import named_robot
@@ -50,7 +50,7 @@ class TrackedLaser:
         self._frame = ""
         self._stamp = -math.inf
 
-    def clear(self) -> None:
+    def forget_tracks(self) -> None:
         """Forget the laser after the clock jumped back."""
         self._stamp = -math.inf
 
@@ -81,7 +81,7 @@ class MoversNode:
     """
 
     def __init__(self, robot: Robot, prefix: str):
-        self._prediction = Prediction(robot)
+        self._prediction = Prediction(robot, MoverTracker.of(robot))
         self._frame = prefix + robot.frames.odom
         self._scan_topic = robot.topics.scan
         self._clock = RosClock()
@@ -99,7 +99,7 @@ class MoversNode:
             if self._clock.went_back():
                 self._sensors.forget()
                 self._prediction.reset()
-                self._laser.clear()
+                self._laser.forget_tracks()
             scan = self._sensors.observations().get(self._scan_topic)
             if scan is None:
                 continue

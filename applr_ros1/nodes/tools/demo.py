@@ -308,12 +308,22 @@ class Observer:
         for topic, message_type in message_types.items():
             on_arrival = partial(self._on_message, topic)
             rospy.Subscriber(topic, message_type, on_arrival, queue_size=1, buff_size=LARGE_BUFFER)
-        rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
+        rospy.Subscriber(
+            "/sim_bridge/ground_truth",
+            Odometry,
+            lambda message: self.take_motion(reading_of(message)),
+            queue_size=50,
+        )
         odometry_topic = _topic(values["odom_topic"], robot.topics.odometry)
-        rospy.Subscriber(odometry_topic, Odometry, self._on_odometry, queue_size=50)
+        rospy.Subscriber(
+            odometry_topic,
+            Odometry,
+            lambda message: self.take_odometry(reading_of(message)),
+            queue_size=50,
+        )
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, self.load.take, queue_size=50)
+        rospy.Subscriber("/diagnostics", DiagnosticArray, self.load.read_diagnostics, queue_size=50)
 
     def parts(self) -> Iterator[Tuple[str, Callable[[], Any]]]:
         """Yield (name, function that returns whether the part is up) in the order of the start."""
@@ -428,27 +438,21 @@ class Observer:
         are_connected = all(endpoint.get_num_connections() > 0 for endpoint in endpoints)
         return STATUS in self._up and are_connected
 
-    def moved(self, reading: Reading) -> None:
+    def take_motion(self, reading: Reading) -> None:
         """Take the robot's true motion."""
         self._latest = reading
         if self._recorder is not None:
             self._recorder.moved(reading.time - self.began, reading.pose, reading.twist)
 
-    def localised(self, reading: Reading) -> None:
+    def take_odometry(self, reading: Reading) -> None:
         """Take the robot's motion by odometry."""
         self._odometry = reading
         if self._recorder is not None:
             self._recorder.localised(reading.time - self.began, reading.pose, reading.twist)
 
-    def _on_pose(self, message: Odometry) -> None:
-        self.moved(reading_of(message))
-
-    def _on_odometry(self, message: Odometry) -> None:
-        self.localised(reading_of(message))
-
     def _on_contact(self, message: Bool) -> None:
         if message.data and self._recorder is not None and self._latest is not None:
-            self._recorder.touched(self._latest.time - self.began)
+            self._recorder.contacts.append(self._latest.time - self.began)
 
     def _on_parameters(self, message: Parameters) -> None:
         # The applr node repeats the parameters every second.

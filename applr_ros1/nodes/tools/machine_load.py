@@ -32,7 +32,7 @@ class MachineLoad:
         """True if both nodes have reported since `expect_reports`."""
         return {SKIPPED, LATE} <= self._reported
 
-    def take(self, message: Any) -> None:
+    def read_diagnostics(self, message: Any) -> None:
         """Take a diagnostic_msgs/DiagnosticArray of any node."""
         for status in message.status:
             for pair in status.values:

@@ -157,10 +157,11 @@ class Viewer:
         odometry = self.listener.latest(self._robot.topics.odometry, Odometry)
         speed = 0.0
         if odometry is not None:
-            speed = odometry.twist.twist.linear.x
+            linear = odometry.twist.twist.linear
+            speed = math.copysign(math.hypot(linear.x, linear.y), linear.x)
         goal_status = panel.goal_status(self.listener)
         is_driving = goal_status is not None and goal_status.status in UNDER_WAY
-        self.panel.update()
+        self.panel.show_state()
         self.scene.draw(is_driving)
         self.stop_card.draw()
         for client in self.server.get_clients().values():

@@ -124,7 +124,7 @@ class Panel:
             return None
         return np.array(message.values, np.float64)
 
-    def update(self) -> None:
+    def show_state(self) -> None:
         """Read the applr node's diagnostics, and update the dropdown and the sliders."""
         for message in self._listener.fresh(DIAGNOSTICS, DiagnosticArray):
             for status in message.status:

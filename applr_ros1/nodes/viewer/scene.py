@@ -25,7 +25,7 @@ from applr_ros1.nodes.conversions import path_points
 from applr_ros1.robots import Robot
 
 from .listening import Listener
-from .shapes import DrawnCostmap, Lines, Model, colours, lifted, put
+from .shapes import DrawnCostmap, Lines, Model, colours, lifted, pairs, put
 
 PLAN = "move_base/NavfnROS/plan"
 GOAL = "move_base/current_goal"
@@ -234,7 +234,7 @@ class ViewerScene:
         lowest_cost, high_cost = np.percentile(costs, (0, 90))
         cost_span = max(high_cost - lowest_cost, 1e-9)
         shades = colours((costs - lowest_cost) / cost_span)
-        self._samples.segments(_pairs(points)[is_joined], _pairs(shades)[is_joined])
+        self._samples.segments(pairs(points)[is_joined], pairs(shades)[is_joined])
 
     def _draw_costmaps(self) -> None:
         for costmap_name, costmap in self._costmaps.items():
@@ -242,9 +242,9 @@ class ViewerScene:
             # A hidden costmap takes its messages, too, so that it is complete once it is shown.
             message = self._listener.news(topic, OccupancyGrid)
             if message is not None:
-                costmap.take(message)
+                costmap.replace_map(message)
             for update in self._listener.fresh(topic + "_updates", OccupancyGridUpdate):
-                costmap.update(update)
+                costmap.patch_map(update)
             if self.layers[costmap_name].visible:
                 costmap.draw(self._listener)
 
@@ -308,11 +308,6 @@ class CameraView:
         """Return the way (3,) from the camera to its target [m], if it was placed at `yaw`."""
         distance = self._distance_behind + self._distance_ahead
         return np.array([distance * math.cos(yaw), distance * math.sin(yaw), -self._height])
-
-
-def _pairs(rows: np.ndarray) -> np.ndarray:
-    """Return rows (n, 3) as pairs of successive rows (n - 1, 2, 3)."""
-    return np.stack([rows[:-1], rows[1:]], axis=1)
 
 
 def _moved(place: Any, points: np.ndarray) -> np.ndarray:

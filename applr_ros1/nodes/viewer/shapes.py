@@ -38,6 +38,11 @@ def lifted(points: np.ndarray, z: float) -> np.ndarray:
     return np.column_stack([points, heights]).astype(np.float32)
 
 
+def pairs(rows: np.ndarray) -> np.ndarray:
+    """Return rows (n, 3) as pairs of successive rows (n - 1, 2, 3)."""
+    return np.stack([rows[:-1], rows[1:]], axis=1)
+
+
 def put(handle: Any, pose: Pose, z: float = 0.0) -> None:
     """Move a handle to the pose (x, y, yaw) at height z [m]."""
     x, y, yaw = pose
@@ -59,10 +64,7 @@ class Lines:
 
     def path(self, points: np.ndarray, z: float) -> None:
         """Draw a line through points (n, 2) at height z [m]."""
-        lifted_points = lifted(points, z)
-        starts = lifted_points[:-1]
-        ends = lifted_points[1:]
-        self.segments(np.stack([starts, ends], axis=1))
+        self.segments(pairs(lifted(points, z)))
 
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
         """Draw segments (n, 2, 3) [m] with optional colours `shades` (n, 2, 3) uint8."""
@@ -158,7 +160,7 @@ class DrawnCostmap:
         clear_image = np.zeros((1, 1, 4), np.uint8)
         self.handle = scene.add_image(name, clear_image, 1.0, 1.0, cast_shadow=False)
 
-    def take(self, message: Any) -> None:
+    def replace_map(self, message: Any) -> None:
         """Replace the costmap by a nav_msgs/OccupancyGrid."""
         self._info = message.info
         self._frame = message.header.frame_id
@@ -166,7 +168,7 @@ class DrawnCostmap:
         shape = (message.info.height, message.info.width)
         self._cells = np.array(message.data, np.int8).reshape(shape)
 
-    def update(self, message: Any) -> None:
+    def patch_map(self, message: Any) -> None:
         """Apply a map_msgs/OccupancyGridUpdate."""
         # An update may be for a map that has not arrived yet.
         if self._cells is None:

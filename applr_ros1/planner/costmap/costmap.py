@@ -154,7 +154,7 @@ class Costmap:
             if layer.parameters.map_topic == topic and layer.accepts():
                 if not self.rolling:
                     self._take_geometry(static_map)
-                layer.take(static_map)
+                layer.use_map(static_map)
 
     def _take_geometry(self, static_map: StaticMap) -> None:
         """Take the map's size, resolution and origin, unless the costmap has them already."""
@@ -176,7 +176,7 @@ class Costmap:
             if parameters.map_topic == topic and parameters.subscribe_to_updates:
                 layer.take_update(x, y, cells)
 
-    def update(self, robot_pose: Sequence[float]) -> None:
+    def update_costs(self, robot_pose: Sequence[float]) -> None:
         """Update layers and master for a pose (x, y [m], yaw [rad]).
 
         Raises:
@@ -247,11 +247,11 @@ class Costmap:
                 if layer.parameters.enabled:
                     layer.write(grid, window, pose, self.footprint)
             elif layer is top_layer:
-                changed_window = layer.update(self.cells, grid, window)
+                changed_window = layer.inflate(self.cells, grid, window)
             else:
                 # The layers above write over the inflated costs.
                 inflated_cells = grid.copy()
-                layer.update(inflated_cells, grid, window)
+                layer.inflate(inflated_cells, grid, window)
                 grid = inflated_cells
 
         # Only an inflation layer on top has written the master itself.
@@ -280,11 +280,11 @@ class Costmap:
         if pose is not None:
             self._refresh(pose, self._whole)
 
-    def clear(self) -> None:
+    def reset_layers(self) -> None:
         """Reset master and layers, as clear_costmaps does. The next update marks the scan again."""
         self.cells[:] = self.default
         for layer in self.layers:
-            layer.reset()
+            layer.reset_cells()
         self._changed(self._whole)
 
     def clear_outside(self, pose: Pose, side: float) -> None:

@@ -157,7 +157,7 @@ class InflationLayer:
         radius = self.parameters.inflation_radius
         return min_x - radius, min_y - radius, max_x + radius, max_y + radius
 
-    def reset(self) -> None:
+    def reset_cells(self) -> None:
         """Cancel a scheduled full pass after the maps have been cleared."""
         self.full_pass_due = False
 
@@ -209,7 +209,7 @@ class InflationLayer:
             min(self._rows, top + margin),
         )
 
-    def update(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
+    def inflate(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
         """Inflate a window of `base` into `master`, both (rows, columns) uint8.
 
         `base` holds the cells before inflation: inside the window those of the layers below,

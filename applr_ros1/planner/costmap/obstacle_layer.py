@@ -168,7 +168,7 @@ class ObstacleLayer:
         if method in (OVERWRITE, MAXIMUM):
             grid.merge(self.cells, base, method == MAXIMUM, *window)
 
-    def reset(self) -> None:
+    def reset_cells(self) -> None:
         """Reset all cells to the default value. The next update marks the latest scan again."""
         self.cells[:] = self.default
 

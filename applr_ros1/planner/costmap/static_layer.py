@@ -134,25 +134,25 @@ class StaticLayer:
     def match_size(self, geometry: Geometry) -> None:
         """Take the costmap's size and place, and write the whole map again."""
         self._master = geometry
-        self.reset()
+        self.reset_cells()
 
     def configure(self, parameters: StaticParameters) -> None:
         """Take new parameters; write the whole map again if `enabled` has changed."""
         if parameters.enabled != self.parameters.enabled:
-            self.reset()
+            self.reset_cells()
         self.parameters = parameters
 
     def accepts(self) -> bool:
         """Return whether a new map would be used: with first_map_only, only the first map is."""
         return self.cells is None or not self.parameters.first_map_only
 
-    def take(self, static_map: StaticMap) -> None:
+    def use_map(self, static_map: StaticMap) -> None:
         """Use a checked map from the next update on."""
         self.resolution = static_map.resolution
         self.origin = static_map.origin
         self.map_frame = static_map.frame
         self.cells = self._costs[static_map.cells.view(np.uint8)]
-        self.reset()
+        self.reset_cells()
 
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
         """Write occupancies (h, w) int8 into the map, first cell at (x, y).
@@ -175,7 +175,7 @@ class StaticLayer:
             updated_window = union(self._unwritten, updated_window)
         self._unwritten = updated_window
 
-    def reset(self) -> None:
+    def reset_cells(self) -> None:
         """Write the whole map again, if there is one, after the costmap has been cleared."""
         if self.cells is not None:
             rows, columns = self.cells.shape

@@ -33,7 +33,7 @@ class LocalPlan:
     def __init__(self) -> None:
         self.poses = NO_POSES
 
-    def set(self, plan: np.ndarray) -> None:
+    def store(self, plan: np.ndarray) -> None:
         """Store a plan (n, 3) x, y [m], yaw [rad]. n may be 0."""
         self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
 
@@ -93,8 +93,9 @@ class StopRotate:
     def __init__(self, params: Mapping[str, Any], period: float, latches: bool):
         self._period = period
         self._latches = latches
+        self.rotating = False  # turning phase
+        self.latched = False
         self.reconfigure(params)
-        self.reset()
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Apply the server's parameter values {name: value}."""
@@ -104,13 +105,11 @@ class StopRotate:
             float(np.float32(params[limit_name])) for limit_name in ACCELERATION_LIMITS
         ]
 
-    def reset(self) -> None:
-        """Clear the latch and the turning phase. A new plan clears only the latch."""
-        self.rotating = False
-        self.latched = False
-
     def new_plan(self) -> None:
-        """Clear the latch, so that the goal's position must be reached again."""
+        """Clear the latch, so that the goal's position must be reached again.
+
+        The turning phase goes on.
+        """
         self.latched = False
 
     def is_position_reached(self, pose: Triple, goal: Triple) -> bool:
@@ -215,15 +214,6 @@ class DWALocalPlanner(LocalPlanner):
         self.stop_rotate = StopRotate(params, control_period, params["latch_xy_goal_tolerance"])
         self._params = dict(params)
         self.stored_plan = LocalPlan()
-        self.reset()
-
-    def reset(self) -> None:
-        """Clear plan, latch, turning phase and the planner's flags, for a new training episode.
-
-        Parameters stay.
-        """
-        self.planner.reset()
-        self.stop_rotate.reset()
         self.set_plan(NO_POSES)
         self._forget_cycle()
 
@@ -257,7 +247,7 @@ class DWALocalPlanner(LocalPlanner):
     def set_plan(self, plan: np.ndarray) -> None:
         """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
         # DWAPlannerROS::setPlan clears the latch and the oscillation flags with each new plan.
-        self.stored_plan.set(plan)
+        self.stored_plan.store(plan)
         self.planner.clear_flags()
         self.stop_rotate.new_plan()
         self.goal_reached = False

@@ -42,6 +42,7 @@ from applr_ros1.planner.sampling_planner import (
 )
 
 NO_PLAN = np.zeros((0, 2))
+VELOCITY_LIMITS = "velocity limits"  # name of the samples that no critic has seen
 
 
 class DWAPlanner(SamplingPlanner):
@@ -105,15 +106,6 @@ class DWAPlanner(SamplingPlanner):
     def scales(self) -> List[float]:
         """Weights of the critics in their order."""
         return [float(weight) for weight in weights(self._params[0])]
-
-    def reset(self) -> None:
-        """Clear flags, grids and plans, as in a new object (for training episodes)."""
-        super().reset()
-        self._aligned_plan = NO_PLAN
-        if self._grids is not None:
-            # Until the next cycle floods the grids, no row of them is read.
-            self._grids.facts["flooded"] = 0
-            self._grids.facts["alignment_row"] = PATH
 
     def remember(self, pose: Sequence[float], v: float, w: float) -> None:
         """Update the flags as if the last search had chosen (v, w) at a pose (x, y, yaw)."""
@@ -216,14 +208,14 @@ class DWAPlanner(SamplingPlanner):
     def refusals(self) -> Dict[str, int]:
         """Count the last search's rejected samples by critic.
 
-        "velocity limits" are the samples that the generator rejected.
+        VELOCITY_LIMITS are the samples that the generator rejected.
         """
         samples = self.score_all_samples()
         is_rejected = (samples.counts > 0) & (samples.costs < 0)
         counts_by_critic = np.bincount(samples.ended[is_rejected], minlength=len(CRITICS))
         return {
             "samples": len(samples.costs),
-            "velocity limits": int((samples.counts == 0).sum()),
+            VELOCITY_LIMITS: int((samples.counts == 0).sum()),
             **{critic.term.name: int(count) for critic, count in zip(CRITICS, counts_by_critic)},
         }
 

@@ -10,7 +10,6 @@ import math
 from typing import Any, Dict, Iterator, List, Set, Tuple
 
 from applr_ros1.common.errors import did_you_mean, shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, DATA_TYPES, STATIC_COSTMAP
 from applr_ros1.planner.parameters.declarations import (
     CONTRADICTIONS,
@@ -23,11 +22,9 @@ from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
     FOUND_ABOVE,
     INHERITED,
-    OBSTACLE_LAYER,
     arranged,
-    layers,
+    observation_sources,
     replaced,
-    sources,
 )
 from applr_ros1.planner.parameters.move_base_parameters import (
     BEHAVIOUR,
@@ -40,6 +37,7 @@ from applr_ros1.planner.parameters.parameter import (
     by_name,
     too_many_points,
 )
+from applr_ros1.planner.parameters.trees import branch
 
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
@@ -88,8 +86,7 @@ def _risks(tree: Dict[str, Any]) -> Iterator[str]:
         if frame.startswith("/"):
             problem = f"{label} is {frame}: Noetic's tf2 refuses frames that begin with a slash"
             yield f"{problem}, give {frame.strip('/')}"
-    observing_layers = layers("local_costmap", branch(tree, "local_costmap"), OBSTACLE_LAYER)
-    if not any(sources(branch(tree, layer.path)) for layer in observing_layers):
+    if not list(observation_sources("local_costmap", branch(tree, "local_costmap"))):
         problem = "local_costmap has no observation source"
         yield f"{problem}: the robot will not detect obstacles, give a source"
 
@@ -101,11 +98,8 @@ def _frames(tree: Dict[str, Any]) -> Dict[str, str]:
         section = branch(tree, costmap)
         frames[f"{costmap}/robot_base_frame"] = str(section.get("robot_base_frame", "base_link"))
         frames[f"{costmap}/global_frame"] = str(section.get("global_frame", "map"))
-        for layer in layers(costmap, section, OBSTACLE_LAYER):
-            layer_section = branch(tree, layer.path)
-            for source in sources(layer_section):
-                sensor_frame = branch(layer_section, source).get("sensor_frame", "")
-                frames[f"{layer.path}/{source}/sensor_frame"] = str(sensor_frame)
+        for source in observation_sources(costmap, section):
+            frames[f"{source.path}/sensor_frame"] = str(source.values.get("sensor_frame", ""))
     return frames
 
 
@@ -245,11 +239,12 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     declared_sections = tables(tree)
     idle_planners = _idle_planners(tree)
     for path, parameters in declared_sections.items():
+        given_section = branch(tree, path)
         section = branch(full_tree, path, create=True)
         for parameter in parameters:
             if f"{path}/{parameter.name}" in declared_sections:
                 continue  # A layer has this name, so nothing reads the parameter.
-            given_values = _given_values(tree, path, parameter)
+            given_values = _given_values(tree, given_section, parameter)
             # Inherited parameters are completed at the layers. The costmap itself reads only one.
             is_read_here = bool(given_values) and parameter.name == "track_unknown_space"
             if path in COSTMAPS and parameter.name in INHERITED and not is_read_here:
@@ -268,9 +263,8 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     return full_tree
 
 
-def _given_values(tree: Dict[str, Any], path: str, parameter: Parameter) -> List[Any]:
+def _given_values(tree: Dict[str, Any], section: Dict[str, Any], parameter: Parameter) -> List[Any]:
     """Return the values that the tree gives a parameter of a section, the one that counts first."""
-    section = branch(tree, path)
     values = [section[name] for name in parameter.names if parameter.reads(section.get(name))]
     if (
         not values
@@ -326,12 +320,10 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
 
     # Sources of messages that can be read
     for name in COSTMAPS:
-        for layer in layers(name, full[name], OBSTACLE_LAYER):
-            for source in sources(branch(full, layer.path)):
-                source_path = f"{layer.path}/{source}"
-                data_type = branch(full, source_path)["data_type"]
-                if data_type not in DATA_TYPES:
-                    yield f"{source_path}/data_type is {data_type}: give {' or '.join(DATA_TYPES)}"
+        for source in observation_sources(name, full[name]):
+            data_type = source.values["data_type"]
+            if data_type not in DATA_TYPES:
+                yield f"{source.path}/data_type is {data_type}: give {' or '.join(DATA_TYPES)}"
 
 
 def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any, Dict, Mapping
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import CONTRADICTIONS, servers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, by_name
 from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.planner.parameters.trees import branch
 
 
 class Configuration:
@@ -34,9 +34,9 @@ class Configuration:
             self._declared[server] = by_name(declaration.parameters)
             start_values[server] = {name: section[name] for name in self._declared[server]}
         self.start_up = Settings(start_values)
-        self.restore()
+        self.restore_start_up()
 
-    def restore(self) -> None:
+    def restore_start_up(self) -> None:
         """Restore the start-up values of all servers."""
         self.current = self.start_up
 
@@ -48,7 +48,7 @@ class Configuration:
             known_servers = ", ".join(map(repr, self.start_up))
             raise ParameterError(f"no server {server!r}: give one of {known_servers}") from None
 
-    def request(self, server: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    def result_of(self, server: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the server's values after a request: converted, clamped, with older names updated.
 
         Changes nothing yet (see accept). If a parameter is given under both names, the value that
@@ -95,5 +95,5 @@ class Configuration:
         return result
 
     def accept(self, server: str, values: Mapping[str, Any]) -> None:
-        """Apply the values that request() returned."""
+        """Apply the values that result_of() returned."""
         self.current = self.current.replaced(server, values)

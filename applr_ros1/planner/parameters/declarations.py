@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import (
     costmap_parameters,
     dwa_planner_parameters,
@@ -164,7 +163,7 @@ def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
             layer_type = TYPES[layer.kind]
             declared_sections[layer.path] = layer_type.live + layer_type.static
             if layer.kind == OBSTACLE_LAYER:
-                for source in sources(branch(costmap, layer.name)):
+                for source in sources(layer.values):
                     declared_sections[f"{layer.path}/{source}"] = STATIC_SOURCE
     return declared_sections
 

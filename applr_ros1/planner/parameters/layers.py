@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 from applr_ros1.common.errors import shown
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
     INFLATION,
     OBSTACLES,
@@ -18,6 +17,7 @@ from applr_ros1.planner.parameters.costmap_parameters import (
     STATIC_STATIC_MAP,
 )
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
+from applr_ros1.planner.parameters.trees import branch
 
 COSTMAPS = ("global_costmap", "local_costmap")
 
@@ -93,6 +93,20 @@ class LayerSection(NamedTuple):
     path: str  # section in the parameter tree, such as "local_costmap/obstacle_layer"
     name: str
     kind: str  # one of TYPES
+    values: Dict[str, Any]  # parameters of the section; empty if there are none
+
+
+class SourceSection(NamedTuple):
+    """Section of an obstacle layer's observation source in the parameter tree."""
+
+    layer: str  # section of the layer
+    name: str
+    values: Dict[str, Any]  # parameters of the section; empty if there are none
+
+    @property
+    def path(self) -> str:
+        """Section in the parameter tree, such as "local_costmap/obstacle_layer/laser"."""
+        return f"{self.layer}/{self.name}"
 
 
 def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[LayerSection]:
@@ -116,7 +130,9 @@ def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[LayerSect
             raise ParameterError(f"{problem}: give each a unique name")
         layer_kind = _kind(entry, costmap)
         if layer_kind:
-            available_layers.append(LayerSection(f"{name}/{layer_name}", layer_name, layer_kind))
+            path = f"{name}/{layer_name}"
+            values = branch(costmap, layer_name)
+            available_layers.append(LayerSection(path, layer_name, layer_kind, values))
     return [layer for layer in available_layers if kind in ("", layer.kind)]
 
 
@@ -168,6 +184,13 @@ def sources(layer: Dict[str, Any]) -> List[str]:
     """Return the names of an obstacle layer's sources."""
     listed = layer.get("observation_sources", "")
     return listed.split() if isinstance(listed, str) else []
+
+
+def observation_sources(name: str, costmap: Dict[str, Any]) -> Iterator[SourceSection]:
+    """Yield the observation sources of the costmap `name`. Errors are those of layers()."""
+    for layer in layers(name, costmap, OBSTACLE_LAYER):
+        for source_name in sources(layer.values):
+            yield SourceSection(layer.path, source_name, branch(layer.values, source_name))
 
 
 def marking_lasers(layer: Dict[str, Any]) -> List[str]:
@@ -228,7 +251,7 @@ def _arranged_costmap(name: str, tree: Dict[str, Any]) -> Dict[str, Any]:
     for layer in layers(name, costmap):
         if not isinstance(costmap.get(layer.name, {}), dict):
             continue  # The check reports a section that is no mapping.
-        section = dict(costmap.get(layer.name, {}))
+        section = dict(layer.values)
         costmap[layer.name] = section
         for key in TYPES[layer.kind].inherited:
             if key in costmap:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, List, NamedTuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
@@ -21,6 +20,7 @@ from applr_ros1.planner.parameters.layers import (
     section_in_files,
 )
 from applr_ros1.planner.parameters.parameter import by_name
+from applr_ros1.planner.parameters.trees import branch
 
 NAME = "obstacle_range"
 DECLARED = by_name(STATIC_SOURCE)[NAME]
@@ -53,9 +53,8 @@ def laser_sources(tree: Dict[str, Any]) -> List[LaserSource]:
     full = arranged(tree)
     for costmap in COSTMAPS:
         for layer in layers(costmap, branch(full, costmap), OBSTACLE_LAYER):
-            section = branch(full, layer.path)
-            for source_name in marking_lasers(section):
-                obstacle_range = section[source_name].get(NAME, DECLARED.default)
+            for source_name in marking_lasers(layer.values):
+                obstacle_range = layer.values[source_name].get(NAME, DECLARED.default)
                 if not DECLARED.reads(obstacle_range):
                     obstacle_range = DECLARED.default  # as roscpp; parameters.check warns
                 path = f"{layer.path}/{source_name}"

@@ -10,9 +10,9 @@ import math
 from types import MappingProxyType
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple
 
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import RESTORE
+from applr_ros1.planner.parameters.trees import branch
 
 
 class Change(NamedTuple):
@@ -41,17 +41,8 @@ class Change(NamedTuple):
 
     @property
     def departure(self) -> float:
-        """Ratio of the larger to the smaller value.
-
-        It is 1 for values without a size, and inf if a sign changes.
-        """
-        if isinstance(self.before, (bool, str)) or isinstance(self.after, (bool, str)):
-            return 1.0
-        old_value = float(self.before)
-        new_value = float(self.after)
-        if old_value * new_value <= 0.0:
-            return math.inf
-        return max(old_value / new_value, new_value / old_value)
+        """Ratio of the larger to the smaller value (ratio_of)."""
+        return ratio_of(self.before, self.after)
 
     def leads_away(self, default: Any) -> bool:
         """Return whether a number becomes less like the C++ default.
@@ -68,6 +59,19 @@ class Change(NamedTuple):
     def advice(self) -> str:
         """The change as an instruction, such as "set planner_frequency to 1 instead of 0"."""
         return f"set {self.path} to {in_words(self.after)} instead of {in_words(self.before)}"
+
+
+def ratio_of(value: Any, other_value: Any) -> float:
+    """Return the ratio of the larger to the smaller of two values.
+
+    It is 1 for values without a size, and inf if a sign changes.
+    """
+    if isinstance(value, (bool, str)) or isinstance(other_value, (bool, str)):
+        return 1.0
+    if value * other_value <= 0.0:
+        return math.inf
+    ratio: float = max(value / other_value, other_value / value)
+    return ratio
 
 
 def in_words(value: Any) -> str:

@@ -57,14 +57,6 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.slowest_turn: float = params["min_in_place_rotational_vel"]
         self.fastest_turn: float = params["max_rotational_vel"]
         self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
-        self.reset()
-
-    def reset(self) -> None:
-        """Clear plan, latch and the planner's flags, as in a new object (for training episodes).
-
-        Parameters stay.
-        """
-        self.planner.reset()
         self.is_turning = False
         self._forget_cycle()
         self.set_plan(NO_POSES)

@@ -154,11 +154,6 @@ class TrajectoryPlanner(SamplingPlanner):
             costs.append(score(params, scene, self._grids, start, Velocity(v, 0.0, w)).cost)
         return np.array(costs)
 
-    def reset(self) -> None:
-        """Clear flags, reference positions and plan, as in a new object (for training episodes)."""
-        super().reset()
-        self._plan = NO_PLAN
-
     def set_plan(self, plan: np.ndarray) -> None:
         """Follow the plan (n, 2 or more) [m], in the costmap's frame, from now on. n may be 0."""
         # The kernels are compiled only for a contiguous array in C order.

@@ -16,17 +16,23 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Set, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
-from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, STATIC_LAYER, layers
+from applr_ros1.planner.parameters.layers import (
+    COSTMAPS,
+    FOUND_ABOVE,
+    STATIC_LAYER,
+    SourceSection,
+    layers,
+    observation_sources,
+)
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.robots.check import crossing_outlines
 from applr_ros1.robots.parameter_files import (
     PLACES,
     check_resolved,
     nested,
-    observation_sources,
     of_move_base,
     too_deep,
 )
@@ -104,7 +110,7 @@ class Parameters:
         """Values of the local planner in the files."""
         return branch(self.tree, namespace(str(self.full["base_local_planner"])))
 
-    def footprint(self) -> np.ndarray:
+    def outline(self) -> np.ndarray:
         """Return the unpadded footprint (n, 2) [m] in the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
@@ -118,14 +124,15 @@ class Parameters:
         """Return the width [m] of the padded footprint."""
         return float(np.ptp(footprint.padded(self.full["local_costmap"])[:, 1]))
 
-    def sources(self) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
-        """Yield (path of the layer, name, values) of the observation sources of the costmaps."""
+    def sources(self) -> Iterator[SourceSection]:
+        """Yield the observation sources of the costmaps."""
         for costmap in COSTMAPS:
-            yield from observation_sources(self.full, costmap)
+            yield from observation_sources(costmap, self.full[costmap])
 
     def scans(self) -> List[Dict[str, Any]]:
-        """Return the laser scans among the observation sources."""
-        return [source for _, _, source in self.sources() if source["data_type"] == "LaserScan"]
+        """Return the values of the laser scans among the observation sources."""
+        sections = [source.values for source in self.sources()]
+        return [values for values in sections if values["data_type"] == "LaserScan"]
 
     def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
         """Return the changes for a simulated robot with the laser scan on `topic` alone.
@@ -137,13 +144,13 @@ class Parameters:
         scan_topic = topic.strip("/")
         kept_sources: Dict[str, List[str]] = {}  # names of the sources on the scan's topic by layer
         other_topics: Dict[str, List[str]] = {}  # topics of the other sources by layer
-        for layer, source_name, source in self.sources():
-            source_topic = source["topic"].strip("/")
-            kept_sources.setdefault(layer, [])
+        for source in self.sources():
+            source_topic = source.values["topic"].strip("/")
+            kept_sources.setdefault(source.layer, [])
             if source_topic == scan_topic:
-                kept_sources[layer].append(source_name)
+                kept_sources[source.layer].append(source.name)
             else:
-                other_topics.setdefault(layer, []).append(source_topic)
+                other_topics.setdefault(source.layer, []).append(source_topic)
         # A simulated robot has one laser: a layer would wait for its other sources.
         changes: Dict[str, Any] = {}
         for layer in sorted(other_topics):
@@ -190,7 +197,7 @@ class Parameters:
         if map_layers:
             change["plugins"] = []
             # A global costmap with only the map gets the obstacle layers of the local costmap.
-            if not list(observation_sources(self.full, costmap)):
+            if not list(observation_sources(costmap, self.full[costmap])):
                 change["plugins"] += self._local_obstacle_layers()
             for entry in costmap_values["plugins"]:
                 if entry["name"] not in map_layers:
@@ -199,7 +206,8 @@ class Parameters:
 
     def _local_obstacle_layers(self) -> List[Dict[str, Any]]:
         """Return the entries in `plugins` of the local costmap's layers that have sources."""
-        layer_paths = {path for path, _, _ in observation_sources(self.full, "local_costmap")}
+        sources = observation_sources("local_costmap", self.full["local_costmap"])
+        layer_paths = {source.layer for source in sources}
         entries = []
         for entry in branch(self.tree, "local_costmap").get("plugins", []):
             if f"local_costmap/{entry['name']}" in layer_paths:

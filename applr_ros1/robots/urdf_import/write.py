@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Mapping, Tuple
 
 import yaml
 
-from applr_ros1.common.trees import merged
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.robots.robot import Monitoring, RobotFile, number_at
 from applr_ros1.robots.urdf_import.description import Description
 from applr_ros1.robots.urdf_import.parameters import Parameters

@@ -83,7 +83,7 @@ def test_drives_equal_the_recorded_ones(drive):
         cells = costmap.cells.copy()
         origin = costmap.origin.copy()
         if cloud is None:
-            costmap.update(step["pose"])
+            costmap.update_costs(step["pose"])
         else:
             see(costmap, step["pose"], cloud)
         master_checksum = zlib.crc32(costmap.cells.tobytes())
@@ -107,14 +107,14 @@ def test_drives_equal_the_recorded_ones(drive):
 def test_a_pose_that_is_not_finite_is_rejected():
     for pose in ((math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
         with pytest.raises(ApplrError, match="finite"):
-            local().update(pose)
+            local().update_costs(pose)
 
 
 def test_a_far_jump_empties_the_map():
     costmap = local()
     see(costmap, HERE, hit(1.0, 0.0))
     assert (costmap.cells == 254).any()
-    costmap.update((100.0, 100.0, 0.0))
+    costmap.update_costs((100.0, 100.0, 0.0))
     assert not costmap.cells.any()
     assert not costmap.obstacle_layers[0].cells.any()
 
@@ -124,7 +124,7 @@ def test_windows_and_versions_report_changes():
     see(costmap, HERE, hit(1.02, 0.02))
     assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.
     version = costmap.version
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     # From the rear of the padded footprint to the obstacle, each with the inflation radius
     left, _, right, _ = costmap.window
     assert left == int((-0.31 - 0.3 + 2) / 0.05)
@@ -158,10 +158,10 @@ def test_changes_are_remembered_for_a_while():
 
 def test_without_bounds_nothing_happens():
     costmap = fixed(obstacles=ObstacleParameters(footprint_clearing_enabled=False))
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     # No layer has anything to change, so that even a cell that somebody else changed stays.
     costmap.cells[3, 3] = 9
-    costmap.update(HERE)
+    costmap.update_costs(HERE)
     assert costmap.window is None
     assert costmap.cells[3, 3] == 9
 

@@ -63,7 +63,7 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
 
         # When: the layer repairs its spread
         master_before = master.copy()
-        changed = layer.update(master, base, window)
+        changed = layer.inflate(master, base, window)
 
         # Then: the map is that of a new spread, and all changes are reported
         expected[within] = obstacles
@@ -102,7 +102,7 @@ def test_repairs_of_a_map_that_moves_equal_spreading_anew(seed, radius):
 
         # When: the layer repairs its spread
         expected = base.copy()
-        layer.update(master, base, (left, bottom, right, top))
+        layer.inflate(master, base, (left, bottom, right, top))
 
         # Then: the map is that of a new spread
         inflate(expected, (left, bottom, right, top), 0.05, 0.265, layer.parameters)
@@ -144,7 +144,7 @@ def test_a_spread_of_any_width_is_that_of_cpp(radius):
     master[rng.random(master.shape) < 0.005] = 254
     expected = master.copy()
     spread_as_in_cpp(expected, radius)
-    layer.update(master, master.copy(), (0, 0, 60, 50))
+    layer.inflate(master, master.copy(), (0, 0, 60, 50))
     np.testing.assert_array_equal(master, expected)
 
 
@@ -233,6 +233,6 @@ def test_short_queues_are_survived(monkeypatch):
     for fill in (0.02, 0.1, 0.0, 0.05):
         is_obstacle = rng.random(expected.shape) < fill
         expected[:] = np.where(is_obstacle, 254, 0)
-        layer.update(master, expected.copy(), (0, 0, 150, 150))
+        layer.inflate(master, expected.copy(), (0, 0, 150, 150))
         inflate(expected, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
         np.testing.assert_array_equal(master, expected)

@@ -48,7 +48,7 @@ def layer_of(origin, source):
 def observe_point(layer, x, y):
     """Let a sensor at the origin see one point [m]."""
     cloud = PointCloud(ORIGIN, np.array([[x, y, 0.0]], np.float32))
-    layer.buffers[0].take(cloud, 0.0)
+    layer.buffers[0].add_cloud(cloud, 0.0)
     layer.update_bounds(NO_BOUNDS, ORIGIN, np.zeros((0, 2)))
 
 

@@ -143,22 +143,3 @@ def test_a_cost_and_its_lower_bound_have_the_weight_and_the_value_of_each_critic
         assert (costs[1] > costs[0]).any()
     else:  # A critic that only refuses
         assert (costs[1] == costs[0]).all()
-
-
-def test_a_reset_planner_equals_a_new_one():
-    costmap = small_map()
-    plan = [(0, 0), (1, 0.3)]
-    planner = DWAPlanner(BURGER, 0.1)
-    first_choice = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
-    first_state = planner.state
-    for x in (0.1, 0.2, 0.9):
-        planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
-
-    planner.reset()
-    planner.prepare(costmap, plan, ORIGIN, AT_REST)
-    cost, _ = planner.check((0.2, 0, 0))
-    assert cost > NO_FLOOD
-    choice_after_reset = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
-    assert choice_after_reset.cost == first_choice.cost
-    assert choice_after_reset.sample == first_choice.sample
-    assert planner.state == first_state

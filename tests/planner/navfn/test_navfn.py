@@ -145,7 +145,7 @@ def test_one_planner_on_a_changing_map(seed, list_size):
             row_count, column_count = block.shape
             new_cells = world(rng, 9, 9, "arbitrary")
             block[:] = new_cells[:row_count, :column_count]
-            costmap.clear()
+            costmap.reset_layers()
             scenes.paint(costmap, cells)
         # Each of the other inputs changes sometimes.
         if rng.random() < 0.5:
@@ -177,7 +177,7 @@ def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(robot, goal):
 
     # When: a gap opens
     wall[20] = 0
-    costmap.clear()
+    costmap.reset_layers()
     scenes.paint(costmap, cells)
 
     # Then: the plan leads through it

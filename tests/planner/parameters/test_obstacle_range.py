@@ -4,11 +4,11 @@ import copy
 
 import pytest
 
-from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete, remarks
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, mismatch, seeing
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.robots import NAMES, load
 
 JACKAL_FILES = load("jackal").parameters()

@@ -147,7 +147,7 @@ def test_dwa_values_that_cannot_be_run_give_one_line(values, words):
     (line,) = check(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
     assert words in line
     config = Configuration(complete(DWA))
-    refused(lambda: config.request("DWAPlannerROS", values), words, kind=ParameterError)
+    refused(lambda: config.result_of("DWAPlannerROS", values), words, kind=ParameterError)
 
 
 @pytest.mark.parametrize(
@@ -486,7 +486,7 @@ def test_a_value_clamped_to_an_invalid_zero_is_rejected():
             name = parameter.name
             for value in (0, -1):
                 with pytest.raises(ParameterError, match=f"{name} is .*: give a number above 0"):
-                    config.request(server, {name: value})
+                    config.result_of(server, {name: value})
             (line,) = check(changed(f"{server}/{name}" if server else name, -1))
             assert "give a number above 0" in line, name
             checked += 1
@@ -517,11 +517,11 @@ def test_a_request_for_endless_trajectories_is_rejected():
     config = Configuration(complete(JACKAL_PARAMETERS))
     name = "angular_sim_granularity"
     with pytest.raises(ParameterError, match="%s is 1e-09.*more than 100000 points" % name):
-        config.request(PLANNER, {name: 1e-9})
+        config.result_of(PLANNER, {name: 1e-9})
     slow = {"max_vel_x": 0.0, "min_vel_x": 0.0, "escape_vel": 0.0, "sim_granularity": 1e-9}
-    config.request(PLANNER, slow)
+    config.result_of(PLANNER, slow)
     scoring = dict(slow, heading_scoring=True)
-    refused(lambda: config.request(PLANNER, scoring), "heading_scoring", kind=ParameterError)
+    refused(lambda: config.result_of(PLANNER, scoring), "heading_scoring", kind=ParameterError)
 
 
 # Parameters of clear_costmap_recovery that later versions of C++ have
@@ -553,7 +553,7 @@ class TestConfiguration:
         return Configuration(complete(JACKAL_PARAMETERS))
 
     def test_clamps_and_keeps_the_rest(self, config):
-        accepted = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
+        accepted = config.result_of(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
         assert (accepted["max_vel_x"], accepted["vx_samples"], accepted["sim_time"]) == (
             20.0,
             1,
@@ -565,37 +565,39 @@ class TestConfiguration:
     def test_rejects_the_whole_request(self, config):
         for invalid in (math.nan, math.inf, None, "1", True):
             with pytest.raises(ParameterError, match="max_vel_x"):
-                config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": invalid})
+                config.result_of(PLANNER, {"sim_time": 1.0, "max_vel_x": invalid})
 
     def test_older_names_always_follow(self, config):
         for name, older in (
             ("pdist_scale", "path_distance_bias"),
             ("goal_distance_bias", "gdist_scale"),
         ):
-            config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
+            config.accept(PLANNER, config.result_of(PLANNER, {name: 0.33}))
             assert config[PLANNER][name] == config[PLANNER][older] == 0.33
-        both = config.request(PLANNER, {"pdist_scale": 0.5, "path_distance_bias": 0.25})
+        both = config.result_of(PLANNER, {"pdist_scale": 0.5, "path_distance_bias": 0.25})
         assert both["path_distance_bias"] == both["pdist_scale"] == 0.25, "the newer name wins"
         # rqt_reconfigure sends all values after one changes.
         everything = dict(config[PLANNER], pdist_scale=0.5)
-        accepted = config.request(PLANNER, everything)
+        accepted = config.result_of(PLANNER, everything)
         assert accepted["path_distance_bias"] == accepted["pdist_scale"] == 0.5
 
     def test_restore_defaults_is_the_start_up_state(self, config):
-        config.accept(PLANNER, config.request(PLANNER, {"max_vel_x": 1.5}))
-        accepted = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
+        config.accept(PLANNER, config.result_of(PLANNER, {"max_vel_x": 1.5}))
+        accepted = config.result_of(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
         assert accepted == config.start_up[PLANNER]
         assert accepted["max_vel_x"] == 0.5
         assert accepted["restore_defaults"] is False
 
     def test_refuses_unknown_names(self, config):
         refused(
-            lambda: config.request(PLANNER, {"warp": 9}), "no such parameter", kind=ParameterError
+            lambda: config.result_of(PLANNER, {"warp": 9}),
+            "no such parameter",
+            kind=ParameterError,
         )
-        refused(lambda: config.request("nowhere", {}), "no server", kind=ParameterError)
+        refused(lambda: config.result_of("nowhere", {}), "no server", kind=ParameterError)
 
     def test_another_planner_cannot_be_loaded(self, config):
-        accepted = config.request("", {"base_global_planner": "x/Y"})
+        accepted = config.result_of("", {"base_global_planner": "x/Y"})
         assert accepted["base_global_planner"] == "navfn/NavfnROS"
 
 

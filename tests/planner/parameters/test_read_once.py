@@ -14,10 +14,10 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.scan import observe
-from applr_ros1.common.trees import branch
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import shapes_at_start
 from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOVERY
+from applr_ros1.planner.parameters.trees import branch
 from tests.support.robots import ToyRobot, ring, run
 from tests.support.scenes import see
 
@@ -101,7 +101,6 @@ def stages(move_base):
     planner = move_base.local_planner
     plan = move_base.global_plan
     for arrival in ARRIVALS:
-        planner.reset()
         planner.set_plan(plan)
         for pose, twist in arrival:
             at_goal.append(planner.compute_velocity(pose, twist, move_base.local_costmap))
@@ -116,7 +115,7 @@ def stages(move_base):
                 recovering.append(behaviour.step(robot.time, (0.0, 0.0, yaw), *maps))
         for costmap in move_base.costmaps.values():
             # What was cleared is seen before the next scan marks it again.
-            costmap.update(robot.pose)
+            costmap.update_costs(robot.pose)
             recovering.append(costmap.cells.tobytes())
             see(costmap, robot.pose, observe(robot.scan()))
     return {DRIVING: driving, AT_GOAL: at_goal, RECOVERING: recovering}

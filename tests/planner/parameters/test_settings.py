@@ -6,10 +6,10 @@ import math
 import pytest
 
 from applr_ros1 import robots
-from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.planner.parameters.trees import merged
 
 PLANNER = "TrajectoryPlannerROS"
 LAYER = "local_costmap/inflater_layer"

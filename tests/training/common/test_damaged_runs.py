@@ -46,7 +46,7 @@ def whole(tmp_path):
     dataset.write(tmp_path, LAYOUT, trajectories, {})
     saved_learner = learner(tmp_path)
     for trajectory in trajectories:
-        saved_learner.take(trajectory)
+        saved_learner.add_trajectory(trajectory)
     saved_learner.save()
     return tmp_path
 

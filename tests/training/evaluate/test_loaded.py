@@ -9,14 +9,14 @@ import pytest
 import safetensors.numpy
 
 from applr_ros1 import robots
-from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.stall_rule import StallRule
 from applr_ros1.robots.robot import MoveBaseSetup
 from tests.support.robots import make_weights
+from training.attempts.loaded import loadable_space
 from training.env.settings import TrialSettings
-from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialRunner
 from training.evaluate.trial import POLICY, Trial
 
@@ -85,18 +85,18 @@ def test_a_set_that_is_set_by_reconfigure_gives_way_in_a_stall_and_a_loaded_one_
     slow_theta = SPACE.from_dict({**SET, "max_vel_x": 0.2})
     seeds = []
     cleared_move_bases = []
-    original_reset = StallRule.reset
+    original_reset = StallRule.begin_course
 
-    def instead(self, method, context, theta):
+    def redraw(self, method, context, theta):
         self.clears_costmaps = method.redraws_stalled
         return slow_theta if method.redraws_stalled else None
 
-    def reset(self, seed):
+    def begin_course(self, seed):
         seeds.append(seed)
         return original_reset(self, seed)
 
-    monkeypatch.setattr(StallRule, "instead", instead)
-    monkeypatch.setattr(StallRule, "reset", reset)
+    monkeypatch.setattr(StallRule, "redraw", redraw)
+    monkeypatch.setattr(StallRule, "begin_course", begin_course)
     monkeypatch.setattr(MoveBase, "clear_costmaps", lambda self: cleared_move_bases.append(self))
 
     # When: a trial with the seed 5 is driven

@@ -5,7 +5,6 @@ The worlds are synthetic.
 """
 
 import csv
-import json
 import math
 from dataclasses import replace
 
@@ -106,24 +105,6 @@ def test_dynabarn_is_driven(tmp_path):
     assert list(rates(evaluation)) == ["Other"]
 
 
-@pytest.mark.heavy
-def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
-    """Under the paper's rules the trial goes on, and its row records the contact."""
-    world_path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
-    arguments = [
-        "--worlds",
-        world_path,
-        "--methods",
-        "dwa",
-        "--simulator",
-        "kinematic",
-        "--no-report",
-    ]
-    (table_row,) = drive(tmp_path / "out", *arguments)
-    assert table_row["collided"]
-    assert table_row["decisions"] > 3
-
-
 def test_only_barns_worlds_get_the_challenges_course():
     barns_world = worlds.load("generated:7")
     assert under(PAPER, barns_world) is barns_world
@@ -139,10 +120,8 @@ def test_only_barns_worlds_get_the_challenges_course():
         assert under(CHALLENGE, world) is world
 
 
-def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
-    """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the
-    metric.
-    """
+def test_the_challenges_rules_apply(tmp_path):
+    """The Challenge's start, goal and limit apply, and a collision ends the run."""
     # Given: a world, and the same world with a cylinder that runs into the robot from behind
     key_frames = (
         (0.0, -2.25, 0.5),
@@ -166,6 +145,7 @@ def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
         "kinematic",
         "--protocol",
         "barn-challenge",
+        "--no-report",
     )
 
     # Then: the robot drives from the Challenge's start into its goal circle
@@ -183,12 +163,3 @@ def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
     assert not hit_row["timeout"]
     assert hit_row["reason"] == "contact"
     assert hit_row["time_s"] < 10.0
-
-    # The report has the Challenge's metric: optimal time over time, which counts 2 to 8 of them.
-    optimal_s = free_row["route_m"] / 2
-    counted_s = np.clip(free_row["time_s"], 2 * optimal_s, 8 * optimal_s)
-    groups = rates(evaluation)
-    assert float(groups["Training"]["metric"]) == pytest.approx(optimal_s / counted_s, abs=6e-4)
-    assert float(groups["Other"]["metric"]) == 0.0
-    settings = json.loads((evaluation / "evaluation.json").read_text())
-    assert "barn-challenge" in json.dumps(settings)

@@ -43,16 +43,7 @@ def folder(tmp_path):
         seed=0,
         traces=2,
     )
-    # An older version of this package did not write the radius.
-    robot = dict(SETTINGS["robot"])
-    del robot["radius"]
-    settings = dict(
-        SETTINGS,
-        worlds=[WORLD],
-        world_specs=[WORLD],
-        robot=robot,
-    )
-    store = TrialTable(tmp_path, settings)
+    store = TrialTable(tmp_path, dict(SETTINGS, worlds=[WORLD], world_specs=[WORLD]))
     for trial in plan:
         result = Result(
             time_s=6.1,
@@ -91,8 +82,6 @@ def test_the_page_has_the_driven_paths(folder):
     assert dwa_drive["why"] == "finished"
     other_drive = world["drives"][2]
     assert other_drive["ok"] is False
-    # The time of a contact is not in a trace of an older version.
-    assert other_drive["hit"] == ", touched something"
     assert other_drive["why"] == "</script>"
 
     # The page has every fourth row, and the last one. Poses are changes in hundredths.

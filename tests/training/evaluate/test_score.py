@@ -47,15 +47,13 @@ def test_the_score_is_the_time_and_100_s_after_any_failure_or_contact(result, se
     assert score.seconds(result) == seconds
 
 
-def test_the_summary_of_trials_has_their_mean_score_and_the_mean_time_of_successes():
+def test_the_summary_of_trials_has_means_and_the_time_of_successes():
     summary = score.summary([ARRIVED, ARRIVED_WITH_A_CONTACT, FAILED_EARLY, FAILED_WITH_A_CONTACT])
     assert summary["score"] == 80.0
     assert summary["time_s"] == 25.0
     assert summary["success"] == summary["collided"] == 0.5
     assert score.summary([FAILED_EARLY])["time_s"] is None
 
-
-def test_the_summary_has_mean_metric_length_and_return():
     # 7 m take 3.5 s at 2 m/s, a quarter of the time of this drive.
     arrived = Result(True, time_s=14.0, route_m=7.0, decisions=7, total_reward=5.0)
     failed = Result(False, time_s=4.0, route_m=7.0, decisions=2, total_reward=-20.0)

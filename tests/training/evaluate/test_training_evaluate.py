@@ -17,7 +17,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from applr_ros1.common.errors import ApplrError
@@ -28,7 +27,6 @@ from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, lines_with, runs
 from tests.support.drives import driven
 from tests.support.robots import make_weights
-from training.common.command_line import parsed
 from training.env.settings import TrialSettings
 from training.evaluate import __main__ as evaluate
 from training.evaluate import runner
@@ -56,6 +54,22 @@ from training.evaluate import __main__ as evaluate
 from training.evaluate import evaluation
 evaluation.run = draw_result
 sys.exit(evaluate.main())
+"""
+
+
+MY_MODULE = """
+from applr_ros1.policy.methods import Method
+from applr_ros1.policy.parameter_space import SPACE
+
+class Cautious(Method):
+    def reset(self, seed):
+        self.seed = seed
+
+    def theta(self, context):
+        return SPACE.from_dict({'max_vel_x': 0.7})
+
+class Nothing:
+    pass
 """
 
 
@@ -208,17 +222,6 @@ def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
     assert table_rows[0]["success"] is False
 
 
-def test_an_evaluation_of_an_older_version_drove_in_the_frame_of_the_odometry(tmp_path):
-    with TrialTable(tmp_path, {"seed": 0}):
-        pass
-    with TrialTable(tmp_path, {"seed": 0, "matched": False}):
-        pass
-    with pytest.raises(
-        ApplrError, match="driven with --no-matched, not --matched: give another --out"
-    ):
-        TrialTable(tmp_path, {"seed": 0, "matched": True})
-
-
 def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
     first_task, second_task = plan
@@ -248,16 +251,11 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
         assert table.result(second_task) == stored_result
 
 
-def test_more_trials_only_append(tmp_path, run, refused):
+def test_more_trials_only_append(tmp_path, run):
     assert run(command(tmp_path, "--trials", 2)) == 0
     two_trials = (tmp_path / "trials.csv").read_bytes()
     assert run(command(tmp_path)) == 0
     assert (tmp_path / "trials.csv").read_bytes().startswith(two_trials)
-    remedy = "give another --out, or"
-    refused(command(tmp_path, "--seed", 3), f"with --seed 0, not --seed 3: {remedy} --seed 0")
-    refused(command(tmp_path, "--monitor"), f"not --monitor: {remedy} --no-monitor")
-    refused(command(tmp_path, "--movers"), f"not --movers: {remedy} --no-movers")
-    refused(command(tmp_path, "--loaded"), "--planner ours, not --planner ours --loaded")
 
 
 def test_the_result_is_printed(tmp_path, monkeypatch, capsys):
@@ -280,32 +278,47 @@ def test_the_number_of_trials_is_that_of_the_table(tmp_path, run, capsys):
 
 
 def test_an_evaluation_that_differs_is_refused_with_what_differs(tmp_path, run, refused):
+    # Given: an evaluation of methods from files
     out = tmp_path / "out"
     set_file = tmp_path / "mine.json"
-    set_file.write_text('{"max_vel_x": 1.0}')
-    first_command = command(out, chosen=f"dwa,{set_file}")
-    assert run(first_command) == 0
-    refused(command(out), f"{out} has the methods dwa, mine: give another --out")
-    refused(command(out, "--loaded", chosen=f"dwa,{set_file}"), "not --planner ours --loaded")
-    refused(command(out, "--robot", "husky"), f"{out} has the robot jackal, not husky")
-    other_worlds = command(out, worlds="generated:1", chosen=f"dwa,{set_file}")
-    refused(other_worlds, f"{out} has other worlds: give another --out, or the same --worlds")
-
-    set_file.write_text('{"max_vel_x": 1.2}')
-    problem = f"{out}: the parameter set of method mine has changed since: give another --out"
-    refused(first_command, problem)
-
-    # The remedy works.
-    assert run(command(tmp_path / "another", chosen=f"dwa,{set_file}")) == 0
-
-
-def test_a_policy_that_was_trained_on_does_not_continue_an_evaluation(tmp_path, run, refused):
+    set_file.write_text('{"obstacle_range": 4.0, "parameters": {"max_vel_x": 1.0}}')
     policy_file = tmp_path / "actor.safetensors"
     save(policy_file, make_weights(), {"steps": 1})
-    arguments = command(tmp_path / "out", chosen=str(policy_file))
-    assert run(arguments) == 0
+    module = tmp_path / "mine.py"
+    module.write_text(MY_MODULE)
+    chosen = f"dwa,{set_file},{policy_file},{module}:Cautious"
+    first_command = command(out, chosen=chosen)
+    assert run(first_command) == 0
+    assert run(first_command) == 0
+
+    # Then: the same command with another option is refused, what others depend on first
+    for options, change in (
+        (["--seed", "3"], "seed 0, not 3"),
+        (["--monitor"], "monitor False, not True"),
+        (["--no-matched"], "matched True, not False"),
+        (["--movers"], "movers False, not True"),
+        (["--loaded"], "loaded False, not True"),
+        (["--robot", "husky", "--methods", "dwa"], "robot.name 'jackal', not 'husky'"),
+        (["--protocol", "barn-challenge"], "protocol 'paper', not 'barn-challenge'"),
+        (["--worlds", "generated:1"], "worlds ['generated:0', "),
+        (["--methods", "dwa"], "methods.mine {"),
+    ):
+        refused([*first_command, *options], f"{out} was driven otherwise, with {change}")
+    remedy = ": give another --out"
+    refused([*first_command, "--seed", "3"], remedy)
+
+    # A method is another one if its file has changed.
+    module.write_text(MY_MODULE + "# another comment\n")
+    refused(first_command, "methods.Cautious.source_sha256 ", remedy)
     save(policy_file, make_weights(), {"steps": 2})
-    refused(arguments, "the file of method actor has changed since: give another --out")
+    refused(first_command, "methods.actor.sha256 ", remedy)
+    set_file.write_text('{"obstacle_range": 5.0, "parameters": {"max_vel_x": 1.0}}')
+    refused(first_command, f"methods.mine.obstacle_range 4.0, not 5.0{remedy}")
+    set_file.write_text('{"obstacle_range": 4.0, "parameters": {"max_vel_x": 1.2}}')
+    refused(first_command, f"methods.mine.parameters.max_vel_x 1.0, not 1.2{remedy}")
+
+    # The remedy works.
+    assert run(command(tmp_path / "another", chosen=chosen)) == 0
 
 
 def test_out_must_be_a_folder(tmp_path, refused):
@@ -316,17 +329,6 @@ def test_out_must_be_a_folder(tmp_path, refused):
     below = file / "results"
     refused(command(below), f"{below}: this folder cannot be made (Not a directory); {remedy}")
     assert file.read_text() == "a bag"
-
-
-def test_a_table_is_read_as_pandas_reads_it(tmp_path):
-    plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
-    with TrialTable(tmp_path, {"seed": 0}) as table:
-        for task in plan:
-            table.add(task, Result(time_s=1.0, contact_speed=0.3))
-    table_file = tmp_path / "trials.csv"
-    as_pandas_reads = pd.read_csv(table_file, keep_default_na=False)
-    as_we_read = read_trials(table_file)
-    pd.testing.assert_frame_equal(as_pandas_reads, as_we_read, check_dtype=False)
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
@@ -362,11 +364,6 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     assert not (tmp_path / "o" / "trials.csv").exists()
 
 
-def test_ros_arguments_are_ignored():
-    words = ["--trials", "3", "__name:=evaluate", "__log:=/x.log"]
-    assert parsed(EvaluationOptions, "evaluate.py", "", words).trials == 3
-
-
 # -- methods ---------------------------------------------------------------------------------------
 CONTEXT = methods.Context(
     ranges=np.full(720, 2.0, np.float32),
@@ -374,22 +371,6 @@ CONTEXT = methods.Context(
     theta=SPACE.theta0,
     time=0.0,
 )
-
-
-MY_MODULE = """
-from applr_ros1.policy.methods import Method
-from applr_ros1.policy.parameter_space import SPACE
-
-class Cautious(Method):
-    def reset(self, seed):
-        self.seed = seed
-
-    def theta(self, context):
-        return SPACE.from_dict({'max_vel_x': 0.7})
-
-class Nothing:
-    pass
-"""
 
 
 def test_a_method_from_a_users_class(tmp_path, monkeypatch):
@@ -415,34 +396,6 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     ]
 
 
-def test_a_users_class_with_another_obstacle_range_does_not_continue_an_evaluation(
-    tmp_path, run, refused
-):
-    arguments = {}
-    for obstacle_range in (None, 4.0, 5.0):
-        folder = tmp_path / str(obstacle_range)
-        folder.mkdir()
-        attribute = f"class Cautious(Method):\n    obstacle_range = {obstacle_range}"
-        module_text = MY_MODULE.replace("class Cautious(Method):", attribute)
-        (folder / "mine.py").write_text(module_text)
-        specification = f"{folder}/mine.py:Cautious"
-        arguments[obstacle_range] = command(tmp_path / "out", chosen=specification)
-    assert run(arguments[4.0]) == 0
-    for obstacle_range in (None, 5.0):
-        problem = "the file of method Cautious has changed since: give another --out"
-        refused(arguments[obstacle_range], problem)
-
-
-def test_a_users_class_that_was_edited_does_not_continue_an_evaluation(tmp_path, run, refused):
-    module = tmp_path / "mine.py"
-    arguments = command(tmp_path / "out", chosen=f"{module}:Cautious")
-    module.write_text(MY_MODULE)
-    assert run(arguments) == 0
-    assert run(arguments) == 0
-    module.write_text(MY_MODULE + "# another comment\n")
-    refused(arguments, "the file of method Cautious has changed since: give another --out")
-
-
 def test_a_finished_evaluation_needs_no_workers(tmp_path, monkeypatch):
     options = {"worlds": "generated:0", "trials": 1, "out": str(tmp_path)}
     monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
@@ -454,12 +407,6 @@ def test_a_finished_evaluation_needs_no_workers(tmp_path, monkeypatch):
     # The rows have the order of the latest plan.
     evaluate_all(EvaluationOptions(**on_cluster, methods="random,dwa"))
     assert read_trials(tmp_path / "trials.csv").method.tolist() == ["random", "dwa"]
-
-
-def test_an_evaluation_in_another_frame_is_another_one(tmp_path, run, refused):
-    arguments = [*command(tmp_path / "out"), "--monitor"]
-    assert run([*arguments, "--no-matched"]) == 0
-    refused(arguments, "driven with --no-matched, not --matched: give another --out")
 
 
 # -- the real stack --------------------------------------------------------------------------------
@@ -504,19 +451,3 @@ def test_traces_are_stored_beside_the_table(tmp_path):
         table.add(plan[0], Result(time_s=1.0), drive.pack())
     assert read_trace(tmp_path, "generated:0", "dwa", 0).truth.pose.shape == (2, 3)
     assert read_trace(tmp_path, "generated:0", "dwa", 1) is None
-
-
-def test_a_table_of_an_older_version_has_no_speeds_of_contacts(tmp_path):
-    (task,) = plan_trials([("w", "w")], [("m", "m")], 1, seed=0)
-    with TrialTable(tmp_path, {}) as table:
-        table.add(task, Result(time_s=1.0, collided=True, contact_speed=0.3))
-    table_file = tmp_path / "trials.csv"
-    header, row = table_file.read_text().splitlines()
-    header = header.rpartition(",contact_speed")[0]
-    row = row.rpartition(",0.3")[0]
-    table_file.write_text(f"{header}\n{row}\n")
-
-    with TrialTable(tmp_path, {}) as table:
-        result = table.result(task)
-    assert result.collided
-    assert math.isnan(result.contact_speed)

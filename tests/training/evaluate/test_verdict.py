@@ -208,19 +208,3 @@ def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_aver
     assert len(trials) == 4
     assert scores.dwa.tolist() == [25.0]
     assert scores.applr.tolist() == [15.0]
-
-
-def test_equal_numbers_of_arrivals_are_said_once():
-    arrivals = judging.Arrivals(
-        drives=6,
-        method=5,
-        other=5,
-        both=4,
-        method_s=4.5,
-        other_s=18.8,
-    )
-    sentence = judging.sentence("applr", "dwa", False, arrivals)
-    counts = "as many drives arrive (5 of 6); where both arrive, 4.5 s instead of 18.8 s"
-    assert sentence == f"applr is not clearly better than dwa: {counts}"
-    sentence = judging.sentence("applr", "dwa", True, arrivals._replace(method=6))
-    assert sentence.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5; where")

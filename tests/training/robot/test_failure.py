@@ -9,7 +9,6 @@ from applr_ros1.drives.drive import (
     ABORTED,
     REACHED,
     TIMED_OUT,
-    Commands,
     Goal,
     Plans,
     Refusals,
@@ -52,7 +51,8 @@ def test_failures_are_worded_by_their_causes_first(stopped):
         "path": 1,
     }
     many_refusals = Refusals(times, [rejecting_cycle] * 30 + [{}] * 150)
-    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
+    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly because of the "
+    rejects += "critic obstacle"
     assert failed(stopped, refusals=many_refusals) == rejects
     few_refusals = Refusals(times, [{}] * 170 + [rejecting_cycle] * 10)
     assert failed(stopped, refusals=few_refusals).startswith(STANDS)
@@ -73,10 +73,9 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     both = failed(stopped, verdicts=verdicts, refusals=many_refusals)
     assert both.startswith("the planner rejects")
 
-    # 2 m/s for nine seconds, while the robot drives for six seconds at 0.5 m/s
-    fast_commands = Commands(times, np.tile([2.0, 0.0], (180, 1)))
-    slips = failed(stopped, commands=fast_commands)
-    assert slips == "it moves 3.0 m although 18.0 m are commanded"
+    # The wheels turn three times as far as the robot moves.
+    far_odometry = replace(stopped.odometry, pose=3.0 * stopped.odometry.pose)
+    assert failed(stopped, odometry=far_odometry) == "its wheels slip by 6.0 m over 8.9 m"
 
     # A robot whose odometry arrived was not kept from driving. It begins 25 mm from the origin.
     short_motion = replace(stopped.truth, pose=0.8 * stopped.truth.pose)
@@ -85,7 +84,7 @@ def test_failures_are_worded_by_their_causes_first(stopped):
 
     # A missing path and a contact are named before the planner's refusals.
     no_routes = Plans(np.empty(0), [])
-    lost = failed(stopped, routes=no_routes, refusals=many_refusals)
+    lost = failed(stopped, routes=no_routes, plans=None, planned=None, refusals=many_refusals)
     assert lost == "the global planner finds no path"
     touches = failed(stopped, contacts=np.array([1.0]), refusals=many_refusals)
     assert touches.startswith("it touches something, and the planner")

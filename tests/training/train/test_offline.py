@@ -1,6 +1,5 @@
 """Tests of offline learning: datasets that fit or are refused, Minari, resumed runs."""
 
-import csv
 import functools
 import json
 from pathlib import Path
@@ -173,7 +172,7 @@ def test_a_dataset_from_which_nothing_can_be_learnt_is_refused_before_the_run(tm
     assert not (tmp_path / "run").exists()
 
 
-def test_an_offline_run_says_how_far_its_drives_lead_and_shows_no_empty_figures(
+def test_an_offline_run_says_how_much_was_driven_and_shows_no_empty_figures(
     data, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr("training.train.learner.run.STATUS_SECONDS", 0.0)
@@ -181,7 +180,7 @@ def test_an_offline_run_says_how_far_its_drives_lead_and_shows_no_empty_figures(
     assert main(arguments) == 0
 
     printed = capsys.readouterr()
-    assert f"{data}: 400 transitions in 0.056 h of driving; policies from" in printed.out
+    assert f"{data}: 400 transitions in 0.056 h of driving\n" in printed.out
     assert "updates=40" in printed.err
     # Without an evaluation, there is no best policy.
     judged = f"--robot jackal --methods dwa,{tmp_path}/run/actor.safetensors --worlds "
@@ -189,18 +188,6 @@ def test_an_offline_run_says_how_far_its_drives_lead_and_shows_no_empty_figures(
     # An offline run drives no episodes.
     assert "nan" not in printed.err
     assert "actors" not in printed.err
-
-
-def test_the_expectation_has_the_figures_of_the_published_table():
-    with open("docs/results/from_drives.csv") as file:
-        metrics = {row["parameters"]: row["BARN's metric"] for row in csv.DictReader(file)}
-    figures = [text[:4] for text in metrics.values()]
-    default, recorded, four_minutes, quarter, _, _, tuned = figures
-    for metric in (recorded, four_minutes, quarter, tuned):
-        assert f" {metric}" in dataset.EXPECTATION
-    three_seeds = metrics["from 1 hour (3,606), three seeds"].split(", ")
-    assert f"{np.mean([float(metric) for metric in three_seeds]):.3f}"[1:] in dataset.EXPECTATION
-    assert default not in dataset.EXPECTATION
 
 
 @pytest.mark.fault("18b")

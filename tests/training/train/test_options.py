@@ -15,7 +15,7 @@ from tests.support.robots import make_weights
 from tests.support.runs import NO_EVALUATION, one_line, toy
 from training.train import __main__ as train
 from training.train.learner.config import TrainConfig, parse
-from training.train.td3.td3 import ACTOR_LR, TAU
+from training.train.td3.td3 import ACTOR_LR, CRITIC_WARM_UP, TAU
 
 
 @pytest.mark.fault("23a")
@@ -36,7 +36,7 @@ from training.train.td3.td3 import ACTOR_LR, TAU
         (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
         (
             ["--recipe", "jackal", "--robot", "turtlebot3_burger", *NO_EVALUATION],
-            "static: there is no .*/static.json: give --init-from dwa, or first run `./applr tune",
+            "static: there is no .*/static.json: choose the method dwa, or run `./applr tune ",
         ),
         (["--init-from", "nope.safetensors", *NO_EVALUATION], "nope.safetensors: cannot be read"),
         (["--init-from", "nope", *NO_EVALUATION], "--init-from is 'nope': give static, dwa, "),
@@ -61,12 +61,6 @@ def test_a_start_that_is_refused_leaves_the_files_of_an_existing_folder(tmp_path
     refused_start = toy(tmp_path, "--init-from", "nope.safetensors", *NO_EVALUATION)
     one_line(capsys, refused_start, "nope.safetensors: cannot be read", train.main)
     assert (tmp_path / "notes.txt").read_text() == "mine"
-
-
-def test_out_must_be_a_folder(tmp_path, capsys):
-    (tmp_path / "run").write_text("a file")
-    arguments = toy(tmp_path / "run", *NO_EVALUATION)
-    one_line(capsys, arguments, "run: a file, not a folder; give another folder", train.main)
 
 
 def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
@@ -99,6 +93,7 @@ def test_defaults_and_noise_are_the_documented_ones():
     assert paper.critic_lr == 1e-3
     assert ACTOR_LR == 3e-4
     assert TAU == 0.005
+    assert CRITIC_WARM_UP == 2000
 
     # The noise falls over 3.84 of the paper's 5 million steps, and over that share of other runs.
     assert paper.noise(0) == 0.5
@@ -212,9 +207,6 @@ def test_the_frame_of_the_costmaps_is_a_condition_that_a_resumed_run_keeps(tmp_p
         assert parse(resume).matched == matched
         with pytest.raises(ApplrError, match="matched: the run in .* has another value"):
             parse([*resume, opposite])
-    # A run of a version without the option drove in the odometry's frame.
-    (tmp_path / "config.json").write_text(json.dumps(stored))
-    assert not parse(resume).matched
 
 
 @pytest.mark.parametrize("option", ["--decision-period", "--failure-seconds"])

@@ -47,7 +47,7 @@ def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     other_size = ["--observation", "dimensionless", *smaller, "--out", tmp_path / "c"]
     one_line(capsys, other_size, "the same --net-arch", main)
     other_encoding = [*smaller, "--out", tmp_path / "d"]
-    one_line(capsys, other_encoding, "the same --net-arch, --observation and", main)
+    one_line(capsys, other_encoding, "the same --net-arch, --observation, ", main)
 
 
 def test_a_policy_of_another_robot_in_the_papers_encoding_is_refused(tmp_path, capsys):

@@ -257,11 +257,6 @@ class TrainConfig(
         is_method = self.init_from in methods.METHODS or self.init_from.endswith(".json")
         if not is_method:
             return None, {}
-        set_file = methods.shipped(methods.SET, self.robot)
-        if self.init_from == "static" and not Path(set_file).exists():
-            problem = f"--init-from static: there is no {set_file}"
-            remedy = f"give --init-from dwa, or first run {methods.tuning(self.robot)}"
-            raise ApplrError(f"{problem}: {remedy}")
         method = methods.make(self.init_from, self.robot)
         if not isinstance(method, methods.FixedParameters):
             return None, {}
@@ -430,8 +425,6 @@ def _resumed(explicit: Dict[str, Any]) -> TrainConfig:
         for name, value in read_json(path).items():
             if name in TrainConfig.model_fields:  # Not the provenance
                 stored[name] = value
-    # Runs of older versions drove in the odometry's frame.
-    stored.setdefault("matched", False)
     original = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **explicit, "out": out})
     for name in FIXED:

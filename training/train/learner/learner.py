@@ -105,7 +105,7 @@ class Learner:
         self._saved = self.replay.written
 
     # -- taking ------------------------------------------------------------------------------------
-    def take(self, trajectory: Trajectory) -> None:
+    def add_trajectory(self, trajectory: Trajectory) -> None:
         """Add an actor's trajectory.
 
         Transitions after learning_starts make gradient steps due.
@@ -193,7 +193,7 @@ class Learner:
             replay_file = self.folder / file_name
             with reading(replay_file):
                 rows, _ = unpack(read_bytes(replay_file), str(replay_file))
-                self.replay.restore(rows)
+                self.replay.restore_rows(rows)
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
         self._kept = checkpoint["replay"]

@@ -30,7 +30,7 @@ from training.common.folders import Lock
 from training.common.provenance import provenance, without_folders
 from training.env.trajectory import Trajectory
 from training.evaluate.periodic import THETA0, PeriodicEvaluation
-from training.evaluate.score import SECONDS_RULE
+from training.evaluate.score import in_words
 from training.evaluate.trial import Result, Trial
 from training.train.learner.config import PROVENANCE, TrainConfig
 from training.train.learner.prepare import dataset_of, prepare
@@ -282,7 +282,7 @@ class TrainingRun:
 
     def _take(self, trajectory: Trajectory) -> None:
         """Add an episode, and make the gradient steps that are due for it."""
-        self.learner.take(trajectory)
+        self.learner.add_trajectory(trajectory)
         self._scalars("episode", {name: trajectory.info.get(name) for name in EPISODE})
         self._scalars("reward", trajectory.info.get("terms", {}))
         while self.learner.updates_due and not self.stopping:
@@ -418,13 +418,5 @@ def describe(summary: Dict[str, Any]) -> str:
     name = f"evaluation at {summary['step']:,}"
     if summary["round"] == THETA0:
         name = "default DWA"
-    success_time = "-"
-    if summary["time_s"] is not None:
-        success_time = f"{summary['time_s']:.2f}"
     best = ", the best so far" if summary["best"] else ""
-    return (
-        f"{name}: return {summary['return']:.2f}, length {summary['length']:.2f}, "
-        f"success {summary['success']:.3f}, collision {summary['collided']:.3f}, "
-        f"time {success_time} s, score {summary['score']:.2f} s "
-        f"({SECONDS_RULE}; {summary['trials']} trials){best}"
-    )
+    return f"{name}: {in_words(summary)}{best}"

@@ -65,7 +65,7 @@ class ReplayBuffer:
         rows = np.arange(max(since, oldest), self.written) % self.capacity
         return {column: getattr(self, column)[rows] for column in COLUMNS}
 
-    def restore(self, rows: Dict[str, np.ndarray]) -> None:
+    def restore_rows(self, rows: Dict[str, np.ndarray]) -> None:
         """Append rows that rows() returned, without counting their transitions again."""
         row_count = len(rows["end"])
         ring_rows = (self.written + np.arange(row_count)) % self.capacity

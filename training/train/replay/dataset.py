@@ -22,11 +22,6 @@ from training.env.trajectory import Trajectory, TransitionLayout
 # Fewest transitions from which a policy can be expected to learn. The smallest dataset that was
 # tried had 246.
 FEWEST_TRANSITIONS = 200
-# What hours of drives have given (docs/results/from_drives.csv)
-EXPECTATION = (
-    "policies from .07, .25 and 1 h of a simulated Jackal's drives reached BARN's metric .367, "
-    ".409 and .445 (the drives .231, a set found by tune .456)"
-)
 # Names of files and folders in Minari's format
 DATA = "data"
 METADATA = "metadata.json"
@@ -81,16 +76,8 @@ def write(
 
 
 def describe(transitions: int, seconds: float) -> str:
-    """Return a line on how much a dataset holds, and on what can be expected of it.
-
-    Args:
-        transitions: Number of transitions.
-        seconds: Duration of these decisions [s].
-    """
-    prospect = EXPECTATION
-    if transitions < FEWEST_TRANSITIONS:
-        prospect = f"./applr train needs at least {FEWEST_TRANSITIONS}, better those of an hour"
-    return f"{transitions} transitions in {seconds / 3600.0:.2g} h of driving; {prospect}"
+    """Return a line on how much a dataset holds: transitions, and the duration of these [s]."""
+    return f"{transitions} transitions in {seconds / 3600.0:.2g} h of driving"
 
 
 class Dataset:

@@ -299,19 +299,9 @@ class TD3:
         """Restore the state of a checkpoint, but keep this run's learning rates.
 
         Raises:
-            ApplrError: The layers differ.
+            ApplrError: The layers differ, or only one run has a running average.
         """
-        # If `state` has no running average, the average starts from the policy. If this run has
-        # none, that of `state` is left out.
-        saved = state["networks"]
-        tensors = {}
-        for name in self.networks.state_dict():
-            policy_name = name.replace("actor_average.", "actor.")
-            if name in saved:
-                tensors[name] = saved[name]
-            elif policy_name in saved:
-                tensors[name] = saved[policy_name]
-        _fill(self.networks, tensors)
+        _fill(self.networks, state["networks"])
         for name, optimizer in self.optimizers.items():
             restored = {**optimizer.state_dict(), "state": state["optimizers"][name]}
             optimizer.load_state_dict(restored)
@@ -324,8 +314,8 @@ def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor]) -> None:
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
-        remedy = "give the same --net-arch, --observation and --critics-know-more"
-        raise ApplrError(f"its networks differ: {remedy}") from None
+        options = "--net-arch, --observation, --critics-know-more and --policy-ema-decay"
+        raise ApplrError(f"its networks differ: give the same {options}") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:

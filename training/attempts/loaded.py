@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Dict, Mapping, Optional, Tuple
 
-from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import shapes_at_start
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import seeing
+from applr_ros1.planner.parameters.trees import branch, merged
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
