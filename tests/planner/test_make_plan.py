@@ -33,6 +33,11 @@ def test_points_near_the_goal_come_in_the_order_of_cpp(tolerance, step, count):
     beginning_of_second = [[-2, 0], [2, 0], [-2, -1], [2, -1], [-2, 1], [2, 1], [0, -2], [0, 2]]
     assert offsets[8:16] == (beginning_of_second if count == 24 else [])
 
+    # Around a robot in unknown space, only a plan through it reaches a point.
+    costmap.cells[:] = 255
+    assert len(reachable_near(costmap, (-1.0, 0.0), goal, tolerance, True)) == count
+    assert len(reachable_near(costmap, (-1.0, 0.0), goal, tolerance, False)) == 0
+
 
 def freed_square(costmap):
     """Return centre x, y and width, height of the free cells [m]."""
