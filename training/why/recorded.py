@@ -94,8 +94,6 @@ def recording_of(
             planner drove, or the frames of its messages do not fit.
     """
     robot = options.robot
-    # Who gave the robot is not asked to give it.
-    is_given = "robot" in options.model_fields_set
     with opened(path) as bag:
         # Topics that are options are not looked for.
         types = bag.types
@@ -107,7 +105,7 @@ def recording_of(
         if not note and has_recorded_plans and not has_plan(drive):
             note = NO_PLAN
         if not note:
-            return recording_from(drive, names, types, planner, robot, is_given)
+            return recording_from(drive, names, types, planner, robot)
     # Outside the block, whose errors would become others without the drive
     if drive.odometry is None:
         problem = missing("odometry", names, types)
