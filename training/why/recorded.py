@@ -22,21 +22,16 @@ from training.bags.read import BagError, opened
 from training.common.options import option
 
 
-class RecordedOptions(BagOptions):
-    """Options of a recorded drive."""
-
-    move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
-
-
-class BagAnswerOptions(RecordedOptions):
+class BagAnswerOptions(BagOptions):
     """Options of the answer to a recorded drive."""
 
+    move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
     quick: bool = option(
         False, "Leave out the drives in simulation: only the replay ranks changes of parameters."
     )
 
 
-SomeOptions = TypeVar("SomeOptions", bound=RecordedOptions)
+SomeOptions = TypeVar("SomeOptions", bound=BagAnswerOptions)
 
 
 class NotReplayedError(BagError):
@@ -77,7 +72,7 @@ def with_description(path: Path, options: SomeOptions) -> SomeOptions:
 
 
 def recording_of(
-    path: Path, options: RecordedOptions, planner: Optional[RerunPlanner]
+    path: Path, options: BagAnswerOptions, planner: Optional[RerunPlanner]
 ) -> Recording:
     """Read the drive in a bag, with columns that fit on each other.
 

@@ -40,7 +40,6 @@ from training.bags.write import BagWriter, write
 from training.why import recorded
 from training.why.recorded import (
     BagAnswerOptions,
-    RecordedOptions,
     recording_of,
     with_description,
 )
@@ -57,7 +56,7 @@ def driven():
 
 def read_back(path, **options):
     """Return the recording that the replay reads from a bag."""
-    given_options = RecordedOptions(**options)
+    given_options = BagAnswerOptions(**options)
     return recording_of(path, given_options, RerunPlanner(given_options.robot))
 
 
