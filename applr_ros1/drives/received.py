@@ -200,7 +200,7 @@ def by_one_clock(messages: Sequence[Received]) -> Tuple[List[Received], List[str
             continue
         step = part[0].recording_time - drive[-1].recording_time
         driven = drive[-1].recording_time - drive[0].recording_time
-        note = f"all times jump by {step / SECOND:,.1f} s after {driven / SECOND:.1f} s: "
+        note = f"all times jump by {step / SECOND:,.0f} s after {driven / SECOND:.1f} s: "
         if math.dist(poses_before[-1][:2], poses_after[0][:2]) <= JUMPED_M:
             notes.append(f"{note}the clock was set, or the recording paused")
             later_part = [_set_later(message, -step, step) for message in part]
