@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from applr_ros1.common.files import sha256
 from applr_ros1.why.answer import Answer
@@ -329,6 +328,8 @@ def _alike(cells: np.ndarray, others: np.ndarray) -> int:
     0 if too little is there to compare. Cells beside each other are the same: a drive is placed in
     a map as well as it was localised.
     """
+    from scipy.spatial import KDTree  # slow, and needed only here
+
     if not len(cells) or not len(others):
         return 0
     lowest = np.maximum(cells.min(axis=0), others.min(axis=0))
