@@ -176,7 +176,8 @@ def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
         active_path = Path(f"{path}.active")
         if active_path.exists():
             message += f"; there is {active_path.name}"
-        lacks_index = isinstance(error.__cause__, AnyReaderError) and "index" in message
+        cause = error.__cause__
+        lacks_index = isinstance(cause, AnyReaderError) and "index" in str(cause)
         if lacks_index or active_path.exists() or Path(path).suffix == ".active":
             message += f": {CUT_SHORT}"
         raise BagError(message) from error
