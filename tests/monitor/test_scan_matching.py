@@ -295,7 +295,7 @@ def test_a_few_points_show_no_other_place():
         is_hit = np.flatnonzero(np.isfinite(seen.ranges) & (seen.ranges < 5.0))
         seen.ranges[:] = np.where(np.isfinite(seen.ranges), seen.ranges, np.float32(9.0))
         seen.ranges[is_hit[30:]] = np.nan
-        matcher.add_scan(seen, is_partial=True)
+        matcher.add_scan(seen)
     assert not matcher.lost
     assert "points are near an earlier scan's surfaces" in matcher.report
 
@@ -310,20 +310,6 @@ def test_a_passing_person_does_not_shift_the_pose():
         matcher.add_scan(scan(ORIGIN, ORIGIN, STEP_S * step, rng, crowd))
         distance, _ = error_of(matcher, ORIGIN, ORIGIN)
         assert distance < 0.01
-
-
-@pytest.mark.parametrize(("is_partial", "corrects"), [(True, True), (False, False)])
-def test_of_a_partial_scan_with_few_points_none_is_left_out(is_partial, corrects):
-    """48 beams hit something: every third of them would be too few for a match."""
-    rng = np.random.default_rng(3)
-    matcher = ScanMatcher()
-    for y in (0.0, 0.04):
-        seen = scan(ORIGIN, (0.0, y, 0.0), STEP_S * y, rng, [(1.0, 0.0, 0.12), (0.3, 1.0, 0.05)])
-        beams = np.flatnonzero(np.isfinite(seen.ranges) & (seen.ranges < 2.0))
-        seen.ranges[beams[48:]] = np.nan
-        matcher.add_scan(seen, is_partial)
-    distance, _ = error_of(matcher, ORIGIN, (0.0, 0.04, 0.0))
-    assert (distance < 0.02) == corrects
 
 
 def test_a_completely_changed_scene_does_not_change_the_pose():
