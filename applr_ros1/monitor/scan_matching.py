@@ -65,10 +65,10 @@ LONGEST_S = 0.5  # longest time between two scans over which the motion is extra
 # along a bare corridor, and two people .055 beside a wall. 99 % of the scans in the BARN dataset
 # have more.
 SUPPORT = 0.06
-ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
-# Of all beams, that many as ENOUGH_POINTS of those that are matched: smallest number of points in
-# view of another scan that can show another place.
-ENOUGH_IN_VIEW = ENOUGH_POINTS * STRIDE_BEAMS
+# Smallest share of the beams that fit in a valid match. Two people 1 m away are less, and the scans
+# in the BARN dataset are more.
+ENOUGH_SHARE = 0.25
+ENOUGH_IN_VIEW = 60  # smallest number of points in view of a scan that can show another place
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
 ELSEWHERE_SHARE = 0.15  # smallest share of a scan's points in free space of a scan of another place
 SEARCH_STEPS = 3  # number of steps of the search for a beam, before its bearing is computed
@@ -79,14 +79,15 @@ class ScanMatch(NamedTuple):
 
     pose: of the laser. matches: number of matched points. weight: sum of their weights. support:
     share of the beams that measures along the axis along which fewest do, by weight: 0 before a
-    bare wall, .5 in the middle of a round wall. largest_support: share along the axis across.
+    bare wall, .5 in the middle of a round wall. share: share of the beams that fit,
+    by weight.
     """
 
     pose: Pose
     matches: int
     weight: float
     support: float
-    largest_support: float
+    share: float
 
     @property
     def mean_weight(self) -> float:
@@ -342,12 +343,8 @@ def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
 
 def _problem(match: ScanMatch, guess: Pose) -> str:
     """Return why a match is not valid, "" if it is."""
-    if match.matches < ENOUGH_POINTS:
-        return (
-            f"{match.matches} points are near an earlier scan's surfaces, less than {ENOUGH_POINTS}"
-        )
-    if match.fits and match.largest_support < SUPPORT:
-        return f"{match.largest_support:.1%} of the beams measure the pose, less than {SUPPORT:.0%}"
+    if match.share < ENOUGH_SHARE:
+        return f"{match.share:.0%} of the beams fit an earlier scan, less than {ENOUGH_SHARE:.0%}"
     if not match.fits:
         return f"points are farther than {WIDE_M:g} m from the surfaces of an earlier scan"
     distance, angle = _difference(match.pose, guess)
@@ -440,7 +437,6 @@ def _match(
     matches = 0
     weight_sum = 0.0
     support = 0.0
-    largest_support = 0.0
     for iteration in range(ITERATIONS):
         matches = 0
         weight_sum = 0.0
@@ -504,7 +500,6 @@ def _match(
 
         smallest, axis_x, axis_y = weakest_axis(a00, a01, a11)
         support = smallest / beam_count
-        largest_support = (a00 + a11 - smallest) / beam_count
         a00 += prior
         a11 += prior
         dx, dy, dyaw = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
@@ -528,7 +523,7 @@ def _match(
     pose_x = frame_x + cos_frame * x - sin_frame * y
     pose_y = frame_y + sin_frame * x + cos_frame * y
     pose = pose_x, pose_y, frame_yaw + yaw
-    return ScanMatch(pose, matches, weight_sum, support, largest_support)
+    return ScanMatch(pose, matches, weight_sum, support, weight_sum / beam_count)
 
 
 @kernel
