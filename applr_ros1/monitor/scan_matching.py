@@ -29,7 +29,7 @@ REACH_M = 8.0  # longest range that is used for matching [m]
 # Largest spacing of the beams that are matched to an earlier scan [beams]. It is less for a scanner
 # with fewer beams than so many points.
 STRIDE_BEAMS = 3
-MATCHED_POINTS = 120
+MATCHED_POINTS = 90
 # Distance to each side of a point over which the surface normal is estimated [m], and the largest
 # number of beams.
 BASE_M = 0.02
@@ -61,9 +61,9 @@ LARGEST_TURN_RAD = 0.1
 # Excess of mean weight above which a match from the extrapolated pose is preferred.
 BETTER_WEIGHT = 0.05
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
-# Smallest share of the beams that measures a direction (ScanMatch.support). Noise of 3 cm gives .023
-# along a bare corridor, and two people .055 beside a wall. 99 % of the scans in the BARN dataset
-# have more.
+# Smallest share of the beams that measures a direction (ScanMatch.support). Noise of 3 cm gives
+# .023 along a bare corridor, two people beside a wall give .055, and 99 % of the scans in the BARN
+# dataset have more.
 SUPPORT = 0.06
 # Smallest share of the beams that fit in a valid match. Two people 1 m away are less, and the scans
 # in the BARN dataset are more.
