@@ -1,0 +1,148 @@
+"""Table of logs of real robots: `python -m benchmarks.real_logs FOLDER [--out TABLE.csv]`.
+
+Each log goes through the collision monitor as in `./applr check --bag`: docs/results/real_logs.csv
+has the figures. FOLDER has bags (.bag, .db3), logs of CARMEN (.log, .gz), logs of Carnegie Mellon's
+course 16-831 (.log, in centimetres) and those of BreezySLAM (.dat).
+"""
+
+import argparse
+import csv
+import gzip
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from applr_ros1.common.scan import measured_ranges
+from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.robots import JACKAL
+from training.bags.read import read
+from training.robot import rehearsal
+
+COLUMNS = ("pass", "alarms", "elsewhere", "unmatched", "zeros", "noise", "tracks")
+HALF_S = 0.15  # half of the time over which poses give a velocity [s]
+LATE_S = 0.03  # time from a scan's stamp to its arrival [s]
+
+
+def robot_of(length, width, speed, deceleration, laser, no_return=None):
+    """Return a robot by its box [m], limits [m/s, m/s^2], place of the laser and no_return."""
+    size = (length, width, 0.3)
+    changes = {"pose": laser, "no_return": no_return}
+    return replace(
+        JACKAL,
+        body=JACKAL.body.model_copy(update={"size": size}),
+        base=JACKAL.base.model_copy(update={"max_speed": speed, "max_yaw_rate": 5.0}),
+        laser=JACKAL.laser.model_copy(update=changes),
+        monitor=JACKAL.monitor.model_copy(update={"deceleration": deceleration}),
+    )
+
+
+# Robots by the beginning of a log's name: cylinders and boxes about the body, limits of the drive
+ROBOTS = {
+    "cmu": robot_of(0.45, 0.38, 1.2, 1.0, (0.25, 0.0, 0.0)),
+    "freiburg": robot_of(0.45, 0.38, 1.2, 1.0, (-0.04, 0.0, 0.0)),
+    "exp": robot_of(0.34, 0.34, 1.8, 2.0, (0.145, 0.0, 0.0), no_return=0.0),
+    "general": robot_of(1.2, 0.68, 1.4, 1.0, (0.85, 0.235, 0.735)),
+    "tb4": robot_of(0.34, 0.34, 0.9, 1.0, (0.004, 0.0, math.pi / 2)),
+}
+
+
+def drive_of(poses, scans, fan):
+    """Return the drive of poses (n, 4: stamp, x, y, yaw), scans [(stamp, ranges)] and their fan."""
+    poses = np.array(poses)
+    _, first_rows = np.unique(poses[:, 0], return_index=True)
+    stamp, x, y, yaw = poses[first_rows].T
+    yaw = np.unwrap(yaw)
+
+    # Velocities are those of the poses around each stamp.
+    before = np.clip(stamp - HALF_S, stamp[0], stamp[-1])
+    after = np.clip(stamp + HALF_S, stamp[0], stamp[-1])
+    x_step, y_step, turn = (
+        np.interp(after, stamp, values) - np.interp(before, stamp, values) for values in (x, y, yaw)
+    )
+    heading = yaw
+    forward = x_step * np.cos(heading) + y_step * np.sin(heading)
+    twist = np.column_stack([forward, turn]) / (after - before)[:, None]
+    stamps = np.array([scan_stamp for scan_stamp, _ in scans])
+    ranges = [np.float32(scan_ranges) for _, scan_ranges in scans]
+    return Drive(
+        odometry=Motion(stamp, stamp, np.column_stack([x, y, yaw]), twist),
+        scans=Scans(stamps + LATE_S, stamps, np.tile(fan, (len(stamps), 1)), ranges),
+    )
+
+
+def carmen(path):
+    """Return the drive of a log of CARMEN, or of one that has O and L lines in centimetres."""
+    opened = gzip.open if path.suffix == ".gz" else open
+    poses = []
+    scans = []
+    fan = (-math.pi / 2, math.radians(0.5), 0.0, 80.0)
+    with opened(path, "rt", errors="ignore") as log:
+        for line in log:
+            kind, *words = line.split() or [""]
+            if kind == "FLASER":
+                count = int(words[0])
+                stamp = float(words[count + 7])
+                scans.append((stamp, words[1 : count + 1]))
+                poses.append((stamp, *map(float, words[count + 4 : count + 7])))
+            elif kind in ("O", "L"):
+                x, y, yaw = map(float, words[:3])
+                poses.append((float(words[-1]), x / 100, y / 100, yaw))
+                # The laser's pose on this line is 0.11 s older than its time.
+                if kind == "L":
+                    scans.append((poses.pop()[0] - 0.11, np.float32(words[6:186]) / 100))
+                    fan = (math.radians(-89.5), math.radians(1.0), 0.0, 81.0)
+    return drive_of(poses, scans, fan)
+
+
+def breezy(path):
+    """Return the drive of a log of BreezySLAM: ticks of two wheels, and ranges in millimetres."""
+    table = np.loadtxt(path)
+    stamps = table[:, 0] / 1e6
+    # As BreezySLAM counts: 2000 ticks per turn, wheels of 7.7 cm radius 33 cm apart.
+    left, right = np.diff(table[:, 2:4], axis=0).T * 2.0 * math.pi / 2000.0 * 0.077
+    yaw = np.append(0.0, np.cumsum((right - left) / 0.33))
+    steps = np.append(0.0, 0.5 * (left + right))
+    poses = np.column_stack(
+        [stamps, np.cumsum(steps * np.cos(yaw)), np.cumsum(steps * np.sin(yaw)), yaw]
+    )
+    ranges = table[:, 24:] / 1000.0
+    increment = math.radians(240.0 / 682.0)
+    fan = (-increment * (ranges.shape[1] - 1) / 2, increment, 0.02, 4.0)
+    return drive_of(poses, list(zip(stamps, ranges)), fan)
+
+
+def row_of(path):
+    """Return the row of the table of a log."""
+    (robot,) = [ROBOTS[start] for start in ROBOTS if path.name.startswith(start)]
+    if path.suffix in (".bag", ".db3"):
+        names = replace(TopicNames.of(robot), scan="/scan", odometry="/odom")
+        drive = read(path, robot, names, rehearsal.COLUMNS)
+    else:
+        drive = breezy(path) if path.suffix == ".dat" else carmen(path)
+        drive.scans.ranges = [
+            measured_ranges(ranges, robot.laser.no_return)
+            for ranges in drive.scans.ranges
+        ]
+    figures = rehearsal.rehearsed(drive, robot)
+    return [path.name, f"{figures['minutes']:.1f}", *(f"{figures[name]:.3f}" for name in COLUMNS)]
+
+
+def main(arguments=None):
+    """Print the table, and write it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=argparse.FileType("w"), default=sys.stdout)
+    options = parser.parse_args(arguments)
+    table = csv.writer(options.out, lineterminator="\n")
+    table.writerow(["log", "minutes", *COLUMNS])
+    for path in sorted(options.folder.iterdir()):
+        if path.name.startswith(tuple(ROBOTS)):
+            table.writerow(row_of(path))
+
+
+if __name__ == "__main__":
+    main()
