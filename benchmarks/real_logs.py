@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from applr_ros1 import robots
 from applr_ros1.common.scan import measured_ranges
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive, Motion, Scans
-from applr_ros1.robots import JACKAL
 from training.bags.read import read
 from training.robot import rehearsal
 
@@ -27,26 +27,30 @@ HALF_S = 0.15  # half of the time over which poses give a velocity [s]
 LATE_S = 0.03  # time from a scan's stamp to its arrival [s]
 
 
-def robot_of(length, width, speed, deceleration, laser, no_return=None):
-    """Return a robot by its box [m], limits [m/s, m/s^2], place of the laser and no_return."""
-    size = (length, width, 0.3)
-    changes = {"pose": laser, "no_return": no_return}
+def robot_of(size, speed, deceleration, laser, no_return=None):
+    """Return a robot by length and width, speed, deceleration, place of the laser, and no_return.
+
+    Of the Burger, whose wheels are within all of the bodies, it has what does not matter here.
+    """
+    burger = robots.load("turtlebot3_burger")
+    braking = {"deceleration": deceleration, "yaw_deceleration": 2.0 * deceleration}
+    placed = {"pose": laser, "no_return": no_return}
     return replace(
-        JACKAL,
-        body=JACKAL.body.model_copy(update={"size": size}),
-        base=JACKAL.base.model_copy(update={"max_speed": speed, "max_yaw_rate": 5.0}),
-        laser=JACKAL.laser.model_copy(update=changes),
-        monitor=JACKAL.monitor.model_copy(update={"deceleration": deceleration}),
+        burger,
+        body=burger.body.model_copy(update={"size": (*size, 0.3), "centre": (0.0, 0.0)}),
+        base=burger.base.model_copy(update={"max_speed": speed, "max_yaw_rate": 2.0}),
+        laser=burger.laser.model_copy(update=placed),
+        monitor=burger.monitor.model_copy(update=braking),
     )
 
 
-# Robots by the beginning of a log's name: cylinders and boxes about the body, limits of the drive
+# Robots by the beginning of a log's name
 ROBOTS = {
-    "cmu": robot_of(0.45, 0.38, 1.2, 1.0, (0.25, 0.0, 0.0)),
-    "freiburg": robot_of(0.45, 0.38, 1.2, 1.0, (-0.04, 0.0, 0.0)),
-    "exp": robot_of(0.34, 0.34, 1.8, 2.0, (0.145, 0.0, 0.0), no_return=0.0),
-    "general": robot_of(1.2, 0.68, 1.4, 1.0, (0.85, 0.235, 0.735)),
-    "tb4": robot_of(0.34, 0.34, 0.9, 1.0, (0.004, 0.0, math.pi / 2)),
+    "cmu": robot_of((0.45, 0.38), 1.2, 1.0, (0.25, 0.0, 0.0)),
+    "freiburg": robot_of((0.45, 0.38), 1.2, 1.0, (-0.04, 0.0, 0.0)),
+    "exp": robot_of((0.34, 0.34), 1.8, 2.0, (0.145, 0.0, 0.0), no_return=0.0),
+    "general": robot_of((1.2, 0.68), 1.4, 1.0, (0.85, 0.235, 0.735)),
+    "tb4": robot_of((0.34, 0.34), 0.9, 1.0, (0.004, 0.0, math.pi / 2)),
 }
 
 
@@ -104,11 +108,13 @@ def breezy(path):
     stamps = table[:, 0] / 1e6
     # As BreezySLAM counts: 2000 ticks per turn, wheels of 7.7 cm radius 33 cm apart.
     left, right = np.diff(table[:, 2:4], axis=0).T * 2.0 * math.pi / 2000.0 * 0.077
-    yaw = np.append(0.0, np.cumsum((right - left) / 0.33))
+    turns = np.append(0.0, (right - left) / 0.33)
     steps = np.append(0.0, 0.5 * (left + right))
-    poses = np.column_stack(
-        [stamps, np.cumsum(steps * np.cos(yaw)), np.cumsum(steps * np.sin(yaw)), yaw]
-    )
+    yaw = np.cumsum(turns)
+    heading = yaw - 0.5 * turns
+    x = np.cumsum(steps * np.cos(heading))
+    y = np.cumsum(steps * np.sin(heading))
+    poses = np.column_stack([stamps, x, y, yaw])
     ranges = table[:, 24:] / 1000.0
     increment = math.radians(240.0 / 682.0)
     fan = (-increment * (ranges.shape[1] - 1) / 2, increment, 0.02, 4.0)

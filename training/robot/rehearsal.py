@@ -72,8 +72,8 @@ def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
             tracked.update(monitor.lasers.first.movers.id.tolist())
             row += 1
         # What a command has led to is measured after the reaction time.
-        reached = odometry.latest(time + monitor.settings.reaction_time)
-        v, w = odometry.twist[reached].tolist()
+        reached = time + monitor.settings.reaction_time
+        v, w = (float(np.interp(reached, odometry.time, values)) for values in odometry.twist.T)
         now = odometry.latest(time)
         age = time - float(odometry.stamp[now])
         pose = odometry.pose[now]
