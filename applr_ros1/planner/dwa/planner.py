@@ -36,17 +36,13 @@ from applr_ros1.planner.sampling_planner import (
     Velocity,
     cost_cloud,
     floats,
+    follow_sample,
     start_record,
     trajectory_cloud,
 )
 
 NO_PLAN = np.zeros((0, 2))
 VELOCITY_LIMITS = "velocity limits"  # name of the samples that no critic has seen
-
-
-def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
-    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
-    roll_out(p, start_record(start), sample, points)
 
 
 class DWAPlanner(SamplingPlanner):
@@ -174,7 +170,7 @@ class DWAPlanner(SamplingPlanner):
             self._aligned_plan = self._scene.plan
         # The next cycle overwrites the record, so the choice keeps its values.
         start = self._scratch.start[0].item()
-        follow = partial(_follow, self._params[0], start, winner.sample)
+        follow = partial(follow_sample, roll_out, self._params[0], start, winner.sample)
         command = (winner.stored.vx, winner.stored.vy, winner.command_w)
         return CycleChoice(
             winner.cost, winner.stored, command, winner.steps, follow, sample=winner.number
