@@ -1,11 +1,10 @@
-"""Table of logs of real robots: `python -m benchmarks.real_logs FOLDER [--out TABLE.csv]`.
+"""Table of logs of real robots: `python -m benchmarks.real_logs FOLDER`.
 
-Each log goes through the collision monitor as in `./applr check --bag`: docs/results/real_logs.csv
-has the figures. FOLDER has bags (.bag, .db3), logs of CARMEN (.log, .gz), logs of Carnegie Mellon's
+Each log goes through the collision monitor as in `./applr check --bag`. The figures are written to
+docs/results/real_logs.csv. FOLDER has bags (.bag, .db3), logs of CARMEN (.log, .gz), logs of Carnegie Mellon's
 course 16-831 (.log, in centimetres) and those of BreezySLAM (.dat).
 """
 
-import argparse
 import csv
 import gzip
 import math
@@ -22,6 +21,7 @@ from applr_ros1.drives.drive import Drive, Motion, Scans
 from training.bags.read import read
 from training.robot import rehearsal
 
+TABLE = Path(__file__).parents[1] / "docs" / "results" / "real_logs.csv"
 COLUMNS = ("pass", "alarms", "elsewhere", "unmatched", "zeros", "noise", "tracks")
 HALF_S = 0.15  # half of the time over which poses give a velocity [s]
 LATE_S = 0.03  # time from a scan's stamp to its arrival [s]
@@ -67,8 +67,7 @@ def drive_of(poses, scans, fan):
     x_step, y_step, turn = (
         np.interp(after, stamp, values) - np.interp(before, stamp, values) for values in (x, y, yaw)
     )
-    heading = yaw
-    forward = x_step * np.cos(heading) + y_step * np.sin(heading)
+    forward = x_step * np.cos(yaw) + y_step * np.sin(yaw)
     twist = np.column_stack([forward, turn]) / (after - before)[:, None]
     stamps = np.array([scan_stamp for scan_stamp, _ in scans])
     ranges = [np.float32(scan_ranges) for _, scan_ranges in scans]
@@ -130,24 +129,20 @@ def row_of(path):
     else:
         drive = breezy(path) if path.suffix == ".dat" else carmen(path)
         drive.scans.ranges = [
-            measured_ranges(ranges, robot.laser.no_return)
-            for ranges in drive.scans.ranges
+            measured_ranges(ranges, robot.laser.no_return) for ranges in drive.scans.ranges
         ]
     figures = rehearsal.rehearsed(drive, robot)
-    return [path.name, f"{figures['minutes']:.1f}", *(f"{figures[name]:.3f}" for name in COLUMNS)]
+    return [path.name, f"{figures['minutes']:.1f}", *(f"{figures[name]:.3g}" for name in COLUMNS)]
 
 
-def main(arguments=None):
-    """Print the table, and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=argparse.FileType("w"), default=sys.stdout)
-    options = parser.parse_args(arguments)
-    table = csv.writer(options.out, lineterminator="\n")
-    table.writerow(["log", "minutes", *COLUMNS])
-    for path in sorted(options.folder.iterdir()):
-        if path.name.startswith(tuple(ROBOTS)):
+def main():
+    """Write the table, and print it."""
+    with TABLE.open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["log", "minutes", *COLUMNS])
+        for path in sorted(Path(sys.argv[1]).iterdir()):
             table.writerow(row_of(path))
+    print(TABLE.read_text())
 
 
 if __name__ == "__main__":

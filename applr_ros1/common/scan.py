@@ -20,8 +20,8 @@ from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
 LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
-# Angle from which on a gap between two returns is the open, if the driver has a value of its own for
-# no return [rad]. A narrower one may be a dark surface.
+# Angle from which on a gap between two returns is the open, if the driver has a value of its own
+# for no return [rad]. A narrower one may be a dark surface.
 OPEN_RAD = math.pi / 2
 SHARED_S = 1.0  # time for which the latest cloud of another sensor on the same topic is kept [s]
 Point3D = Tuple[float, float, float]
@@ -67,7 +67,8 @@ class LaserScan:
         """What each beam has shown (n,) [m], as distances_of() returns it."""
         distances = distances_of(self.ranges, self.range_min, self.range_max)
         if self.no_return is not None:
-            distances[np.isposinf(distances) & np.isfinite(self.free)] = np.nan
+            # What a narrow gap hides is unknown.
+            distances[self.free < distances] = np.nan
         return distances
 
     @cached_property

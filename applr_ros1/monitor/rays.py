@@ -15,9 +15,9 @@ from applr_ros1.common.scan import LaserScan
 class ScanRays(NamedTuple):
     """Ranges of a scan, geometry of its beams, and pose of its laser.
 
-    ranges, free: (n,) LaserScan.distances and LaserScan.free [m]. angle_min, increment: bearing of the first beam in the
-    laser's frame, and angle from beam to beam [rad]. range_min, range_max: limits of a hit [m]. x,
-    y, yaw: pose of the laser [m, m, rad].
+    ranges, free: (n,) LaserScan.distances and LaserScan.free [m]. angle_min, increment: bearing of
+    the first beam in the laser's frame, and angle from beam to beam [rad]. range_min, range_max:
+    limits of a hit [m]. x, y, yaw: pose of the laser [m, m, rad].
     """
 
     ranges: Array32
