@@ -1,8 +1,8 @@
 """Table of logs of real robots: `python -m benchmarks.real_logs FOLDER`.
 
 Each log goes through the collision monitor as in `./applr check --bag`. The figures are written to
-docs/results/real_logs.csv. FOLDER has bags (.bag, .db3), logs of CARMEN (.log, .gz), logs of Carnegie Mellon's
-course 16-831 (.log, in centimetres) and those of BreezySLAM (.dat).
+docs/results/real_logs.csv. FOLDER has bags (.bag, .db3), logs of CARMEN (.log, .gz), those of the
+course 16-831 of Carnegie Mellon (.log, in centimetres) and those of BreezySLAM (.dat).
 """
 
 import csv
@@ -27,9 +27,10 @@ HALF_S = 0.15  # half of the time over which poses give a velocity [s]
 LATE_S = 0.03  # time from a scan's stamp to its arrival [s]
 
 
-def robot_of(size, speed, deceleration, laser, no_return=None):
-    """Return a robot by length and width, speed, deceleration, place of the laser, and no_return.
+def robot_of(size, speed, deceleration, laser, no_return=None, ahead=0.0):
+    """Return a robot by length and width, speed, deceleration, laser.pose and laser.no_return.
 
+    The centre of its body is `ahead` of its axle [m].
     Of the Burger, whose wheels are within all of the bodies, it has what does not matter here.
     """
     burger = robots.load("turtlebot3_burger")
@@ -37,7 +38,7 @@ def robot_of(size, speed, deceleration, laser, no_return=None):
     placed = {"pose": laser, "no_return": no_return}
     return replace(
         burger,
-        body=burger.body.model_copy(update={"size": (*size, 0.3), "centre": (0.0, 0.0)}),
+        body=burger.body.model_copy(update={"size": (*size, 0.3), "centre": (ahead, 0.0)}),
         base=burger.base.model_copy(update={"max_speed": speed, "max_yaw_rate": 2.0}),
         laser=burger.laser.model_copy(update=placed),
         monitor=burger.monitor.model_copy(update=braking),
@@ -49,7 +50,7 @@ ROBOTS = {
     "cmu": robot_of((0.45, 0.38), 1.2, 1.0, (0.25, 0.0, 0.0)),
     "freiburg": robot_of((0.45, 0.38), 1.2, 1.0, (-0.04, 0.0, 0.0)),
     "exp": robot_of((0.34, 0.34), 1.8, 2.0, (0.145, 0.0, 0.0), no_return=0.0),
-    "general": robot_of((1.2, 0.68), 1.4, 1.0, (0.85, 0.235, 0.735)),
+    "general": robot_of((1.2, 0.68), 1.4, 1.0, (0.85, 0.235, 0.735), ahead=0.35),
     "tb4": robot_of((0.34, 0.34), 0.9, 1.0, (0.004, 0.0, math.pi / 2)),
 }
 
