@@ -62,7 +62,7 @@ def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
     tracked: Set[int] = set()
     row = scans.latest(odometry.time[0]) + 1
     noises: List[float] = [0.0]
-    for time in np.arange(*odometry.time[[0, -1]], PERIOD_S).tolist():
+    for time in np.arange(odometry.time[0], odometry.time[-1], PERIOD_S).tolist():
         while row < len(scans) and scans.time[row] <= time:
             scan = _scan(measured, row, robot, period)
             monitor.add_scan(scan)
@@ -102,9 +102,13 @@ def _scan(measured: Measured, row: int, robot: Robot, period: float) -> LaserSca
     scans = measured.scans
     stamp = float(scans.stamp[row])
     pose = robot.laser.pose_for(measured.odometry.pose_at(stamp))
+    first_angle, increment, range_min, range_max = scans.fan[row].tolist()
     return LaserScan(
         stamp,
-        *scans.fan[row].tolist(),
+        first_angle,
+        increment,
+        range_min,
+        range_max,
         scans.ranges[row],
         pose,
         sweep=period,
