@@ -8,19 +8,19 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import Dict, List, NamedTuple, Set
+from typing import Dict, List, Set
 
 import numpy as np
 
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.drives.drive import Drive, Measured
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.scan_matching import noise_of
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots import Robot
 
 PERIOD_S = 0.05  # time between two commands [s]
-COLUMNS = ("odometry", "scans")
+COLUMNS = Measured._fields  # of a drive
 STANDS = 0.05  # speed up to which a robot stands [m/s, rad/s]
 # Sentence on a drive, the figure that is bad from a limit on, and its remedy
 WORDS = (
@@ -38,13 +38,6 @@ WORDS = (
     ("{tracks:.1f} movers per minute are tracked", "tracks", 10.0,
      "if fewer were there, check laser.rate and laser.pose"),
 )  # fmt: skip
-
-
-class Measured(NamedTuple):
-    """Columns of a drive that are needed."""
-
-    odometry: Motion
-    scans: Scans
 
 
 def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
