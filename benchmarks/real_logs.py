@@ -18,7 +18,7 @@ from applr_ros1 import robots
 from applr_ros1.common.scan import measured_ranges
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive, Motion, Scans
-from training.bags.read import read
+from training.bags.read import opened
 from training.robot import rehearsal
 
 TABLE = Path(__file__).parents[1] / "docs" / "results" / "real_logs.csv"
@@ -126,7 +126,8 @@ def row_of(path):
     (robot,) = [ROBOTS[start] for start in ROBOTS if path.name.startswith(start)]
     if path.suffix in (".bag", ".db3"):
         names = replace(TopicNames.of(robot), scan="/scan", odometry="/odom")
-        drive = read(path, robot, names, rehearsal.COLUMNS)
+        with opened(path) as bag:
+            drive = bag.drive(robot, names, rehearsal.COLUMNS)
     else:
         drive = breezy(path) if path.suffix == ".dat" else carmen(path)
         drive.scans.ranges = [

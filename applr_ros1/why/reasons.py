@@ -124,8 +124,9 @@ def no_plan(stretch: Stretch) -> str:
     if routes is None:
         return ""
     # From each empty plan to the next plan there is none. Before the first one, that is known only
-    # of a goal that was seen to begin.
-    goal_begins = [goal.begin for goal in drive.goals if goal.begin > BEFORE_S]
+    # of a goal that was seen to begin. A simulated drive is recorded from this on.
+    unseen_s = BEFORE_S if drive.truth is None else -np.inf
+    goal_begins = [goal.begin for goal in drive.goals if goal.begin > unseen_s]
     begins = [min(goal_begins, default=np.inf), *routes.time]
     ends = [*routes.time, np.inf]
     time_without_plan = 0.0

@@ -46,7 +46,7 @@ def test_foreign_learner(tmp_path, monkeypatch, capsys):
 @pytest.mark.heavy
 def test_own_method(tmp_path):
     names = f"dwa,{ROOT}/examples/02_own_method/cautious.py:Cautious"
-    options = ["--worlds=generated:7", "--trials=1", "--methods", names, "--out", str(tmp_path)]
+    options = ["--worlds=generated:1", "--trials=1", "--methods", names, "--out", str(tmp_path)]
     # In this process: workers would spend most of the time on their imports.
     assert evaluate.main([*options, "--workers=0"]) == 0
     dwa_trial, own_trial = csv.DictReader((tmp_path / "trials.csv").read_text().splitlines())

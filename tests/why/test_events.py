@@ -381,7 +381,7 @@ def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stoppe
 def test_the_time_without_a_plan_is_a_reason_if_nothing_proves_that_there_is_one(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
-    waits = replace(stopped, plans=None, planned=None)
+    waits = replace(stopped, plans=None, planned=None, truth=None)
     followed = Plans(np.arange(0.0, 9.0, 0.1), [empty] * 90)
     early = followed.between(0.0, 3.2)
     from_bag_on = [Goal("one", 0.0, 9.0)]

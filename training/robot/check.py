@@ -78,9 +78,10 @@ def doors(described: Robot, path: str) -> str:
 def drive_lines(described: Robot, bag: str) -> List[str]:
     """Return lines on what the sensors show in the drive of a bag."""
     with extra(__name__):
-        from training.bags.read import read
+        from training.bags.read import opened
     names = TopicNames.of(described)
-    drive = read(bag, described, names, rehearsal.COLUMNS)
+    with opened(bag) as content:
+        drive = content.drive(described, names, rehearsal.COLUMNS)
     return [f"{bag}: {line}" for line in rehearsal.lines(rehearsal.rehearsed(drive, described))]
 
 

@@ -8,7 +8,7 @@ import pytest
 from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
-from training.bags.write import write
+from tests.support.bags import write
 from training.robot import check, open_floor
 from training.robot.rehearsal import WORDS, lines, rehearsed
 
