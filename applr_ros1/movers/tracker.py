@@ -215,6 +215,7 @@ class MoverTracker:
         if not is_moving.any():
             return NO_MOVERS
         moving_tracks = self._tracks[is_moving]
+        moving_tracks = moving_tracks[tracks.join_legs(moving_tracks)]
         motions = np.column_stack([moving_tracks[column] for column in ("x", "y", "vx", "vy")])
         x, y, vx, vy = transform_motions(self._to_odometry, motions).T
         covariance = [moving_tracks["pp"], moving_tracks["pv"], moving_tracks["vv"]]

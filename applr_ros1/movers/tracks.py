@@ -73,9 +73,8 @@ FARTHEST_M = 1.0  # largest distance of a cluster from its track along x and y [
 # Difference of the radii of cluster and track that counts as one standard deviation [m].
 RESIZED_M = 0.15
 RADIUS_GAIN = 0.2  # share of a new radius in the filtered radius
-# Speed above which a track may be a moving obstacle, and below which it no longer is one.
+# Speed above which a track may be a moving obstacle [m/s].
 SLOWEST_M_S = 0.25
-STANDING_M_S = 0.12
 # Number of standard deviations by which a velocity must differ from zero.
 CLEAR_DEVIATIONS = 2.0
 # Evidence that makes a track a moving obstacle: duration, and number of scans.
@@ -95,9 +94,10 @@ SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 # more.
 CERTAIN_M_S = 0.28
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
-HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
-LOST_S = 0.25  # time without a cluster after which a static track ends [s]
+HIDDEN_S = 0.8  # time for which a track without a cluster is extrapolated [s]
 GONE_SCANS = 2  # number of scans that see through a track after which it ends
+LEG_M = 0.12  # largest radius of a leg [m]
+STEP_M = 0.7  # largest distance of the two legs of a person [m]
 
 
 class EarlierScans(NamedTuple):
@@ -299,18 +299,18 @@ def follow(
             # gone. Depths are float32.
             longest = np.float32(min(fan.range_max, LARGEST_FLOAT32))
             track.gone += sees_through(depth, fan, track.x, track.y, 0.0, longest)
-            longest_time = HIDDEN_S if track.moves else LOST_S
-            if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest_time:
+            if track.gone >= GONE_SCANS or fan.stamp - track.seen > HIDDEN_S:
                 track.id = 0
                 track.moves = False
                 history[:, track_index] = math.nan
             continue
         track.seen = fan.stamp
         track.gone = 0
-        if math.hypot(track.vx, track.vy) < STANDING_M_S:
-            _become_static(track)
-        if _is_clearly_moving(track, drift_x, drift_y):
-            points = clusters[cluster_of[track_index]].points
+        cluster = clusters[cluster_of[track_index]]
+        # A wall whose visible part grows seems to move, too.
+        is_same_size = abs(cluster.radius - track.radius) < RESIZED_M
+        if is_same_size and _is_clearly_moving(track, drift_x, drift_y):
+            points = cluster.points
             is_proved = has_moved(points, history[:, track_index], earlier, depth, fan)
             _weigh_evidence(track, is_proved, fan.stamp, interval)
         if fan.stamp - track.evident > SILENT_S:
@@ -446,6 +446,49 @@ def _start(track: Track, cluster: Cluster, stamp: float, number: int) -> None:
     track.hits = 0
     track.mean_x = cluster.x
     track.mean_y = cluster.y
+
+
+@kernel
+def join_legs(movers: Tracks) -> np.ndarray:
+    """Join the legs of each person in place, and return whether each row (n,) remains.
+
+    One leg stands while the other one swings at twice the speed of the person: their mean moves
+    as the person does. What has not moved itself for SILENT_S, such as a post, is no leg.
+    """
+    remains = np.ones(movers.shape[0], np.bool_)
+    for leg_index in range(movers.shape[0]):
+        if not remains[leg_index]:
+            continue
+        leg = movers[leg_index]
+        other_index = -1
+        nearest_distance = STEP_M
+        for index in range(leg_index + 1, movers.shape[0]):
+            other = movers[index]
+            distance = math.hypot(other.x - leg.x, other.y - leg.y)
+            is_nearer = remains[index] and distance < nearest_distance
+            if is_nearer and max(leg.radius, other.radius) < LEG_M:
+                other_index = index
+                nearest_distance = distance
+        if other_index >= 0:
+            remains[other_index] = False
+            _join(leg, movers[other_index])
+    return remains
+
+
+@kernel
+def _join(leg: Track, other: Track) -> None:
+    """Make a leg the disc around itself and the other one, with their mean velocity."""
+    distance = math.hypot(other.x - leg.x, other.y - leg.y)
+    leg.radius = 0.5 * distance + max(leg.radius, other.radius)
+    leg.id = min(leg.id, other.id)
+    leg.certain |= other.certain
+    leg.x += 0.5 * (other.x - leg.x)
+    leg.y += 0.5 * (other.y - leg.y)
+    leg.vx += 0.5 * (other.vx - leg.vx)
+    leg.vy += 0.5 * (other.vy - leg.vy)
+    leg.pp = max(leg.pp, other.pp)
+    leg.pv = max(leg.pv, other.pv)
+    leg.vv = max(leg.vv, other.vv)
 
 
 @kernel
