@@ -94,7 +94,8 @@ SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 # more.
 CERTAIN_M_S = 0.28
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
-HIDDEN_S = 0.8  # time for which a track without a cluster is extrapolated [s]
+HIDDEN_S = 0.8  # time for which a hidden moving obstacle or leg is extrapolated [s]
+LOST_S = 0.25  # time without a cluster after which any other track ends [s]
 GONE_SCANS = 2  # number of scans that see through a track after which it ends
 LEG_M = 0.12  # largest radius of a leg [m]
 STEP_M = 0.7  # largest distance of the two legs of a person [m]
@@ -299,7 +300,9 @@ def follow(
             # gone. Depths are float32.
             longest = np.float32(min(fan.range_max, LARGEST_FLOAT32))
             track.gone += sees_through(depth, fan, track.x, track.y, 0.0, longest)
-            if track.gone >= GONE_SCANS or fan.stamp - track.seen > HIDDEN_S:
+            # One leg hides the other one; the visible part of a wall changes.
+            longest_time = HIDDEN_S if track.moves or track.radius < LEG_M else LOST_S
+            if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest_time:
                 track.id = 0
                 track.moves = False
                 history[:, track_index] = math.nan
@@ -307,7 +310,7 @@ def follow(
         track.seen = fan.stamp
         track.gone = 0
         cluster = clusters[cluster_of[track_index]]
-        # A wall whose visible part grows seems to move, too.
+        # A wall seems to move while its visible part grows.
         is_same_size = abs(cluster.radius - track.radius) < RESIZED_M
         if is_same_size and _is_clearly_moving(track, drift_x, drift_y):
             points = cluster.points
@@ -449,46 +452,23 @@ def _start(track: Track, cluster: Cluster, stamp: float, number: int) -> None:
 
 
 @kernel
-def join_legs(movers: Tracks) -> np.ndarray:
-    """Join the legs of each person in place, and return whether each row (n,) remains.
+def join_legs(discs: Array) -> None:
+    """Join the legs of each person in place. A leg that is joined to an earlier one gets radius inf.
 
     One leg stands while the other one swings at twice the speed of the person: their mean moves
     as the person does. What has not moved itself for SILENT_S, such as a post, is no leg.
+
+    Args:
+        discs: (n, k) moving obstacles, with x and y [m] first, and the radius [m] last.
     """
-    remains = np.ones(movers.shape[0], np.bool_)
-    for leg_index in range(movers.shape[0]):
-        if not remains[leg_index]:
-            continue
-        leg = movers[leg_index]
-        other_index = -1
-        nearest_distance = STEP_M
-        for index in range(leg_index + 1, movers.shape[0]):
-            other = movers[index]
-            distance = math.hypot(other.x - leg.x, other.y - leg.y)
-            is_nearer = remains[index] and distance < nearest_distance
-            if is_nearer and max(leg.radius, other.radius) < LEG_M:
-                other_index = index
-                nearest_distance = distance
-        if other_index >= 0:
-            remains[other_index] = False
-            _join(leg, movers[other_index])
-    return remains
-
-
-@kernel
-def _join(leg: Track, other: Track) -> None:
-    """Make a leg the disc around itself and the other one, with their mean velocity."""
-    distance = math.hypot(other.x - leg.x, other.y - leg.y)
-    leg.radius = 0.5 * distance + max(leg.radius, other.radius)
-    leg.id = min(leg.id, other.id)
-    leg.certain |= other.certain
-    leg.x += 0.5 * (other.x - leg.x)
-    leg.y += 0.5 * (other.y - leg.y)
-    leg.vx += 0.5 * (other.vx - leg.vx)
-    leg.vy += 0.5 * (other.vy - leg.vy)
-    leg.pp = max(leg.pp, other.pp)
-    leg.pv = max(leg.pv, other.pv)
-    leg.vv = max(leg.vv, other.vv)
+    for leg_index in range(discs.shape[0]):
+        leg = discs[leg_index]
+        for other in discs[leg_index + 1 :]:
+            distance = math.hypot(other[0] - leg[0], other[1] - leg[1])
+            if distance < STEP_M and max(leg[-1], other[-1]) < LEG_M:
+                leg[:] = 0.5 * (leg + other)
+                leg[-1] += 0.5 * distance
+                other[-1] = np.inf
 
 
 @kernel
