@@ -10,7 +10,18 @@ from setuptools import find_namespace_packages, setup
 
 PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
 OF_ROS = ("cfg", "launch", "rviz")  # folders that CMakeLists.txt installs
-DATA = ["*.yaml", "*.json", "*.md", "*.safetensors", "*.png", "*.npz", "*.html", "*.css", "*.js"]
+DATA = [
+    "*.yaml",
+    "*.json",
+    "*.md",
+    "*.safetensors",
+    "*.png",
+    "*.npz",
+    "*.world",
+    "*.html",
+    "*.css",
+    "*.js",
+]
 
 setup(
     name="applr_ros1",

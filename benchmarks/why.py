@@ -54,7 +54,7 @@ HELPED = 0.9
 HARMED = 1.1
 # Worlds of the table. Rules and sizes of faults were chosen with others.
 JUDGING = (9, 14, 31, 38, 52, 69, 83, 97, 112, 126, 143, 158)
-ROBOTS = ("jackal", "turtlebot3_burger", "husky")
+ROBOTS = ("jackal", "turtlebot3_burger", "husky", "turtlebot3_waffle_pi")
 # Largest number of drives per fault, so that no parameter counts much more than another
 DRIVES_PER_FAULT = 4
 # One sound drive for this many turns through the robots: it shows what is advised without a fault.
@@ -442,17 +442,19 @@ def reproduced(path: str) -> None:
 
 
 # -- table -----------------------------------------------------------------------------------------
-def attempts(worlds: Sequence[int]) -> Iterator[Tuple[str, int, Optional[Candidate]]]:
+def attempts(
+    worlds: Sequence[int], robots: Sequence[str]
+) -> Iterator[Tuple[str, int, Optional[Candidate]]]:
     """Yield robots, worlds and faults in an order that spreads all three evenly."""
     shuffled_faults = {}
-    for robot_index, robot_name in enumerate(ROBOTS):
+    for robot_index, robot_name in enumerate(robots):
         rng = np.random.default_rng(robot_index)
         robot_faults = faults(load(robot_name))
         fault_order = rng.permutation(len(robot_faults))
         shuffled_faults[robot_name] = [robot_faults[fault_index] for fault_index in fault_order]
     most_faults = max(map(len, shuffled_faults.values()))
     for turn in range(most_faults * len(worlds)):
-        for robot_name in ROBOTS:
+        for robot_name in robots:
             robot_faults = shuffled_faults[robot_name]
             fault = robot_faults[turn % len(robot_faults)]
             # Another world for each fault, and for each turn through all of them.
@@ -460,7 +462,7 @@ def attempts(worlds: Sequence[int]) -> Iterator[Tuple[str, int, Optional[Candida
             yield robot_name, world, fault
         if turn % SOUND_EVERY == 0:
             sound_index = turn // SOUND_EVERY
-            yield ROBOTS[sound_index % len(ROBOTS)], worlds[sound_index % len(worlds)], None
+            yield robots[sound_index % len(robots)], worlds[sound_index % len(worlds)], None
 
 
 def stored(path: Path) -> List[Planted]:
@@ -489,7 +491,9 @@ def all_planted(worlds: Sequence[int], robots: Sequence[str], count: int, path: 
     if not path.exists():
         _append(path, Planted._fields)
     bench = Bench()
-    for robot_name, world, fault in attempts(worlds):
+    # Folders of other robots follow, so that those of the table have the same faults as without.
+    all_robots = list(dict.fromkeys([*ROBOTS, *robots]))
+    for robot_name, world, fault in attempts(worlds, all_robots):
         planted_drives = Counter(row.fault for row in table_rows if row.counts and row.fault)
         planted_count = sum(planted_drives.values())
         if planted_count >= count:
@@ -527,7 +531,7 @@ def table(rows: Sequence[Planted]) -> None:
     with advice_file.open("w", newline="", encoding="utf-8") as table_file:
         writer = csv.writer(table_file, lineterminator="\n")
         writer.writerow(COUNTED)
-        for robot_name in ROBOTS:
+        for robot_name in dict.fromkeys(row.robot for row in planted_rows):
             robot_rows = [row for row in planted_rows if row.robot == robot_name]
             writer.writerow(_summary(robot_name, robot_rows))
         writer.writerow(_summary("all", planted_rows))

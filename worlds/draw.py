@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
-from typing import Any, Iterable, List
+from typing import Any, List
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import run_main
 
 from .world import World
 
@@ -67,17 +66,6 @@ def draw(axes: Any, world: World) -> None:
     axes.autoscale_view()
 
 
-def _check_ending(picture_path: str, known_endings: Iterable[str]) -> None:
-    """Raise ApplrError if a picture has an ending that matplotlib does not know.
-
-    A name without an ending becomes that of a .png file.
-    """
-    file_ending = os.path.splitext(picture_path)[1].lstrip(".")
-    if file_ending and file_ending.lower() not in known_endings:
-        remedy = f"give one of {', '.join(sorted(known_endings))}"
-        raise ApplrError(f"{picture_path}: a picture cannot end in .{file_ending}: {remedy}")
-
-
 def main() -> int:
     """Write a picture of a world. Return exit status 1 if reading or writing fails."""
     from . import command_line  # It imports all that describes robots, which `draw` does not need.
@@ -93,7 +81,6 @@ def main() -> int:
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(6, 9))
-        _check_ending(arguments.picture, figure.canvas.get_supported_filetypes())
         world = command_line.named_world(arguments)
         axes = figure.add_subplot()
         draw(axes, world)

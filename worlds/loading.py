@@ -16,7 +16,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 
-from . import barn, dynabarn, map_courses, physical_course, sdf_reader
+from . import barn, dynabarn, map_courses, sdf_reader
 from .world import Course, Mover, World
 
 SPECIFICATIONS = (
@@ -27,6 +27,7 @@ SPECIFICATIONS = (
 )
 RADIUS_M = 0.31  # default radius of the robot's circle, the Jackal's [m]
 FINAL_SEED = 20261125  # seed of the worlds final:N
+PHYSICAL_COURSE = "physical_course"  # name of the paper's cardboard course, a file in data/
 MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
 
 
@@ -126,8 +127,8 @@ def load(spec: str, radius: float = RADIUS_M) -> World:
             )
         _, _, number = world_specs[0].partition(":")
         return recipe.make(int(number))
-    if spec_text == physical_course.NAME:
-        return physical_course.world()
+    if spec_text == PHYSICAL_COURSE:
+        return sdf_reader.read_world(os.path.join(barn.FOLDER, "data", f"{PHYSICAL_COURSE}.world"))
     if spec_text.endswith(".world"):
         return sdf_reader.read_world(spec_text)
     if os.path.isdir(spec_text):
@@ -235,7 +236,7 @@ def scaled(world: World, factor: float) -> World:
         factor = min(factor, 1.0)
     recipe_name, colon, _ = world.name.partition(":")
     # The colon distinguishes generated:7 from a file with the name generated.world.
-    is_from_recipe = colon and recipe_name in _RECIPES or world.name == physical_course.NAME
+    is_from_recipe = colon and recipe_name in _RECIPES or world.name == PHYSICAL_COURSE
     if factor == 1.0 or not is_from_recipe:
         return world
     return dataclasses.replace(

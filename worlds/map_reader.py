@@ -13,7 +13,7 @@ from typing_extensions import Literal
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.common.errors import ApplrError, remedy_of, shown
 from applr_ros1.common.files import read_bytes, read_yaml, reading
 
 from .world import Grid
@@ -32,17 +32,17 @@ FORMATS = {"BMP", "GIF", "JPEG", "PNG", "PPM", "TGA", "TIFF", "WEBP"}
 
 
 class MapFile(BaseModel):
-    """Fields of a map.yaml. The description of a field says what to give in an error message."""
+    """Fields of a map.yaml."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
-    image: str = Field(min_length=1, description="the path of an image")
-    resolution: float = Field(gt=0.0, le=1.0, description="the edge of a cell, up to 1 m")
-    origin: Tuple[float, float, float] = Field(description="x, y and yaw [m, m, rad]")
-    negate: bool = Field(description="0 or 1")
-    occupied_thresh: float = Field(ge=0.0, le=1.0, description="a number from 0 to 1")
-    free_thresh: float = Field(ge=0.0, le=1.0, description="a number from 0 to 1")
-    mode: Literal["trinary", "scale", "raw"] = Field("trinary", description="trinary, scale or raw")
+    image: str = Field(min_length=1)
+    resolution: float = Field(gt=0.0, le=1.0)
+    origin: Tuple[float, float, float]
+    negate: bool
+    occupied_thresh: float = Field(ge=0.0, le=1.0)
+    free_thresh: float = Field(ge=0.0, le=1.0)
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
 def read_map(path: str) -> Grid:
@@ -81,15 +81,13 @@ def _fields(content: Any) -> MapFile:
                 f"({map_file.occupied_thresh:g}): no cell would be unknown, lower it"
             )
         return map_file
-    fields = MapFile.model_fields.items()
-    required_names = [field_name for field_name, field in fields if field.is_required()]
-    has_fields = isinstance(content, dict) and content.keys() >= set(required_names)
-    if not has_fields:
-        field_list = ", ".join(required_names)
-        raise ApplrError(f"the file is no map: give one with {field_list}, as map_saver writes it")
-    field_name = str(problem["loc"][0])
-    description = MapFile.model_fields[field_name].description
-    raise ApplrError(f"{field_name} is {shown(content[field_name])}: give {description}")
+    path = problem["loc"]
+    if problem["type"] in ("missing", "model_type") and len(path) < 2:
+        fields = MapFile.model_fields.items()
+        names = ", ".join(name for name, field in fields if field.is_required())
+        raise ApplrError(f"the file is no map: give one with {names}, as map_saver writes it")
+    place = ".".join(map(str, path))
+    raise ApplrError(f"{place} is {shown(problem['input'])}: {remedy_of(problem)}")
 
 
 def read_pixels(path: str) -> NDArray[np.uint8]:

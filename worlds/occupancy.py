@@ -5,33 +5,18 @@ The simulated robot on ROS publishes the grid.
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple, Tuple
+import dataclasses
+from typing import Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from applr_ros1.common.angles import outside_box
 from applr_ros1.common.arrays import Array
 
-from .world import Grid, Point, World
+from .world import Grid, World, clearance
 
 OCCUPIED = 100
 MARGIN_M = 2.0  # width of the free margin around obstacles and course [m]
-
-
-class CellWindow(NamedTuple):
-    """Rectangle of a grid's cells around a point.
-
-    Attributes:
-        cells: View (ny, nx) of the cells.
-        dx: x of their centres relative to the point (1, nx) [m].
-        dy: y of their centres relative to the point (ny, 1) [m].
-    """
-
-    cells: NDArray[np.int8]
-    dx: Array
-    dy: Array
+BLOCKS = 50  # number of parts of a map whose cells are compared with the obstacles at once
 
 
 def occupancy(world: World, resolution: float) -> Grid:
@@ -51,23 +36,18 @@ def occupancy(world: World, resolution: float) -> Grid:
     corner = np.floor((lowest - MARGIN_M) / resolution) * resolution
     side_cells = (highest + MARGIN_M - corner) / resolution
     column_count, row_count = np.ceil(side_cells).astype(int).tolist()
-    cells = np.zeros((row_count, column_count), np.int8)
-    origin = corner.tolist()
+    origin_x, origin_y = corner.tolist()
+    x = origin_x + (np.arange(column_count) + 0.5) * resolution
+    y = origin_y + (np.arange(row_count) + 0.5) * resolution
+    centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
-    inner_radius = 0.5 * resolution  # radius of the circle in a cell [m]
-    for x, y, radius in world.cylinders.tolist():
-        reach = radius + inner_radius
-        window = window_of(cells, origin, resolution, (x, y), reach)
-        distance = np.hypot(window.dx, window.dy)
-        window.cells[distance <= reach] = OCCUPIED
-
-    for x, y, yaw, size_x, size_y in world.boxes.tolist():
-        reach = 0.5 * math.hypot(size_x, size_y) + inner_radius
-        window = window_of(cells, origin, resolution, (x, y), reach)
-        offset_along, offset_across = outside_box(window.dx, window.dy, yaw, size_x, size_y)
-        distance = np.hypot(offset_along, offset_across)
-        window.cells[distance <= inner_radius] = OCCUPIED
-    return Grid(cells, resolution, origin=(origin[0], origin[1], 0.0))
+    # Block by block, because the distances of all cells from all cylinders would take gigabytes.
+    standing = dataclasses.replace(world, movers=())
+    blocks = np.array_split(centres, BLOCKS)
+    distances = np.concatenate([clearance(standing, block) for block in blocks])
+    is_occupied = distances <= 0.5 * resolution
+    cells = np.where(is_occupied, OCCUPIED, 0).astype(np.int8)
+    return Grid(cells.reshape(row_count, column_count), resolution, (origin_x, origin_y, 0.0))
 
 
 def extent(world: World) -> Tuple[Array, Array]:
@@ -88,44 +68,3 @@ def extent(world: World) -> Tuple[Array, Array]:
     lowest = np.vstack([cylinder_centres - cylinder_reach, box_centres - box_reach, course_ends])
     highest = np.vstack([cylinder_centres + cylinder_reach, box_centres + box_reach, course_ends])
     return lowest.min(axis=0), highest.max(axis=0)
-
-
-def window_of(
-    cells: NDArray[np.int8], origin: Point, resolution: float, centre: Point, reach: float
-) -> CellWindow:
-    """Return the cells within `reach` [m] of a point (x, y) [m] along both axes.
-
-    Args:
-        cells: Cells (ny, nx) of the grid.
-        origin: Corner of the grid with the lowest x and y [m].
-        resolution: Edge of a cell [m].
-        centre: Point around which the window lies [m].
-        reach: Half the side of the window [m].
-    """
-    x, y = centre
-    row_count, column_count = cells.shape
-    columns, dx = _along_axis(origin[0], x, reach, resolution, column_count)
-    rows, dy = _along_axis(origin[1], y, reach, resolution, row_count)
-    # Slices make a view, in which the caller marks cells.
-    return CellWindow(
-        cells=cells[rows, columns],
-        dx=dx[np.newaxis, :],
-        dy=dy[:, np.newaxis],
-    )
-
-
-def _along_axis(
-    grid_edge: float, coordinate: float, reach: float, resolution: float, cell_count: int
-) -> Tuple[slice, Array]:
-    """Return the cells of one axis within `reach` [m] of a coordinate [m].
-
-    The second result has the distances of their centres from the coordinate [m], with their signs.
-    """
-    first_cell = int((coordinate - reach - grid_edge) / resolution)
-    last_cell = int((coordinate + reach - grid_edge) / resolution)
-    first_cell = max(0, first_cell)
-    end_cell = min(cell_count, last_cell + 1)
-
-    cell_numbers = np.arange(first_cell, end_cell, dtype=np.float64)
-    cell_centres = grid_edge + (cell_numbers + 0.5) * resolution
-    return slice(first_cell, end_cell), cell_centres - coordinate

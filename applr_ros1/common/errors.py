@@ -114,7 +114,13 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         program: Name of the program as the user typed it, for example "./applr evaluate".
     """
     try:
-        return main() or 0
+        exit_status = main() or 0
+        sys.stdout.flush()
+        return exit_status
+    except BrokenPipeError:
+        # Whoever read the output has ended, as head does. What is left of it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except KeyboardInterrupt as interrupt:
         exit_status = 128 + signal.SIGINT
         line = str(interrupt) or "stopped"
@@ -133,6 +139,12 @@ def _line_of(error: Exception) -> str:
         how_to_install = absent(error.name)
         if how_to_install:
             return how_to_install
+    if isinstance(error, ImportError):
+        file_name = traceback.extract_tb(error.__traceback__)[-1].filename
+        for folder in os.environ.get("PYTHONPATH", "").split(os.pathsep):
+            # A package of another Python that hides the one of this environment
+            if folder and file_name.startswith(f"{folder}/"):
+                return f"{error}: {file_name} is found by PYTHONPATH: unset PYTHONPATH"
     if isinstance(error, OSError):
         return str(error)  # It names the file, which says more than the line that opened it.
     return one_line(error)

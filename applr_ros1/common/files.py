@@ -23,9 +23,6 @@ MOST_VALUES = 100_000  # largest number of values of a YAML file, with those of 
 
 # what TinyXML accepts although it is not XML
 NAMESPACE = re.compile(r"""\sxmlns\s*=\s*("[^"<>]*"|'[^'<>]*')""")  # a default namespace
-BARE_AMPERSAND = re.compile(r"&(?!#?\w+;)")  # & that begins no entity
-BOUND_PREFIX = re.compile(r"\bxmlns:([\w.-]+)")  # declaration of a prefix
-PREFIXED_TAG = re.compile(r"(</?)([\w.-]+):(?=\w)")  # beginning of a tag with a prefix
 DECLARATION = re.compile(r"<\?xml\b[^<>]*>")
 
 
@@ -200,19 +197,9 @@ def yaml_value(text: Any, name: Any, loader: Any = LimitedLoader) -> Any:
 def plain_xml(data: bytes) -> str:
     """Return XML that TinyXML accepts as standard XML.
 
-    TinyXML allows any text before the declaration and in comments, a bare &, and undeclared name
-    spaces.
+    TinyXML allows any text before the declaration and in comments, and ignores name spaces.
     """
-    xml_text = _without_comments(data.decode("utf-8-sig", "replace"))
-    xml_text = BARE_AMPERSAND.sub("&amp;", NAMESPACE.sub("", xml_text))
-
-    # <gazebo:plugin> becomes <gazebo_plugin> if no xmlns:gazebo declares the prefix.
-    bound_prefixes = set(BOUND_PREFIX.findall(xml_text))
-
-    def without_undeclared_prefix(tag: re.Match[str]) -> str:
-        return tag[0] if tag[2] in bound_prefixes else f"{tag[1]}{tag[2]}_"
-
-    xml_text = PREFIXED_TAG.sub(without_undeclared_prefix, xml_text)
+    xml_text = NAMESPACE.sub("", _without_comments(data.decode("utf-8-sig", "replace")))
     return DECLARATION.sub("", xml_text, count=1).lstrip()
 
 

@@ -9,7 +9,7 @@ tf2. Observation sources follow costmap_2d/observation_buffer.cpp.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Dict, List, Optional, Tuple, Union
 
@@ -338,13 +338,6 @@ class Source:
     observation_persistence: float = 0.0  # time for which clouds are kept [s]; 0: the latest only
     # longest time between messages if the source is current [s]; 0: any
     expected_update_rate: float = 0.0
-
-    def __post_init__(self) -> None:
-        # A parameter file may give an int for a float; the kernels are compiled for these types
-        # only.
-        for field in fields(self):
-            declared_type: Any = type(field.default)
-            setattr(self, field.name, declared_type(getattr(self, field.name)))
 
 
 class ObservationBuffer:

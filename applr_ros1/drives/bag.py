@@ -23,6 +23,8 @@ from applr_ros1.drives.drive import KIND_OF_COLUMN, Drive, Goal, Rows
 from applr_ros1.robots import Robot
 from applr_ros1.senses.standing import ACTIVE
 
+# move_base's action, and those of move_base_flex, the one first that runs the others
+ACTIONS = ("", "move_base", "exe_path", "recovery", "get_path")
 GLOBAL_PLANNER = "NavfnROS"  # name of the global planner under which routes are written
 
 
@@ -84,6 +86,11 @@ def drive_of(unpacked: Mapping[str, Sequence[UnpackedRow]], begin_time: int, rob
         setattr(drive, column, np.array(times, np.float64))
     if drive.frames["odometry"]:
         drive.frame = drive.frames["odometry"][0]
+    # A plan without a frame is in that of the others, or else of the odometry.
+    for column in ("plans", "routes"):
+        frames = drive.frames[column]
+        if "" in frames:
+            drive.frames[column] = [name for name in frames if name] or [drive.frame]
     if "source" in unpacked:
         drive.source = unpacked["source"][-1].values["source"]
     return drive
@@ -140,10 +147,26 @@ def _last_of_each_stamp(routes: Sequence[UnpackedRow]) -> List[UnpackedRow]:
     return complete_plans
 
 
+def running_goal(status: Row, running_ids: Dict[str, str]) -> str:
+    """Return the id of the goal that move_base pursues after a status, or "".
+
+    Args:
+        status: Row of the status.
+        running_ids: {action: id} of the statuses before it, which is updated. move_base_flex has
+            several actions, which it runs for one of them, or for its clients.
+    """
+    running_ids[status.get("action", "")] = status["running"]
+    for action in ACTIONS:
+        if running_ids.get(action):
+            return running_ids[action]
+    return ""
+
+
 def _goals(rows: Sequence[UnpackedRow]) -> List[Goal]:
     """Return the goals that move_base pursued, by the status of its action, with their results."""
     pursued: List[Goal] = []
     previous_id = ""
+    running_ids: Dict[str, str] = {}
     results_by_goal: Dict[str, UnpackedRow] = {}
     for row in rows:
         if "status" in row.values:
@@ -152,7 +175,7 @@ def _goals(rows: Sequence[UnpackedRow]) -> List[Goal]:
         # The goal was pursued until this message.
         if previous_id:
             pursued[-1] = pursued[-1]._replace(end=row.time)
-        running_id = row.values["running"]
+        running_id = running_goal(row.values, running_ids)
         if running_id and running_id != previous_id:
             pursued.append(Goal(running_id, row.time, row.time))
         previous_id = running_id
@@ -210,9 +233,11 @@ def _values_of(drive: Drive, key: str) -> Iterator[Row]:
         return
     elif isinstance(column, Rows):
         for values in _rows_as_values(column):
-            # Frames that do not move have a topic of their own.
-            is_on_topic = values.get("is_static", False) == (key == "static_transforms")
-            if is_on_topic:
+            # Frames that do not move, and move_base itself, have topics of their own.
+            is_static = values.get("is_static", False)
+            is_own = values.get("server") == ""
+            on_own_topic = key == "static_transforms", key == "move_base_changes"
+            if (is_static, is_own) == on_own_topic:
                 yield values
     elif isinstance(column, np.ndarray):
         for time in column.tolist():

@@ -142,10 +142,10 @@ def _pose(pose: Any) -> Fields:
     }
 
 
-def _twist(twist: Any) -> Fields:
-    """Return a geometry_msgs/Twist of (v [m/s], w [rad/s])."""
-    v, w = map(float, twist)
-    return {"linear": {"x": v}, "angular": {"z": w}}
+def _twist(row: Mapping[str, Any]) -> Fields:
+    """Return the geometry_msgs/Twist of a row, whose velocity to the left may be left out."""
+    v, w = map(float, row["twist"])
+    return {"linear": {"x": v, "y": float(row.get("sideways", 0.0))}, "angular": {"z": w}}
 
 
 # -- sensors and commands --------------------------------------------------------------------------
@@ -182,13 +182,15 @@ def _unpack_odometry(message: Any) -> List[Row]:
     """
     pose = pose_of(message.pose.pose)
     twist = twist_of(message.twist.twist)
-    if not all(map(math.isfinite, (*pose, *twist))):
+    sideways = message.twist.twist.linear.y
+    if not all(map(math.isfinite, (*pose, *twist, sideways))):
         return []
     row = {
         "stamp": stamp_of(message.header.stamp),
         "frame": frame_of(message),
         "pose": pose,
         "twist": twist,
+        "sideways": sideways,
     }
     return [row]
 
@@ -198,7 +200,7 @@ def _pack_odometry(row: Mapping[str, Any], sender: Sender) -> Fields:
         "header": sender.header(row["stamp"], sender.frame),
         "child_frame_id": sender.robot.frames.base,
         "pose": {"pose": _pose(row["pose"])},
-        "twist": {"twist": _twist(row["twist"])},
+        "twist": {"twist": _twist(row)},
     }
 
 
@@ -241,11 +243,12 @@ def _pack_transform(row: Mapping[str, Any], sender: Sender) -> Fields:
 
 def _unpack_command(message: Any) -> List[Row]:
     """Return the row of a geometry_msgs/Twist or TwistStamped."""
-    return [{"twist": twist_of(getattr(message, "twist", message))}]
+    twist = getattr(message, "twist", message)
+    return [{"twist": twist_of(twist), "sideways": twist.linear.y}]
 
 
 def _pack_command(row: Mapping[str, Any], sender: Sender) -> Fields:
-    return _twist(row["twist"])
+    return _twist(row)
 
 
 # -- planner ---------------------------------------------------------------------------------------
@@ -274,6 +277,11 @@ def _unpack_change(message: Any) -> List[Row]:
     for field in (*message.bools, *message.ints, *message.strs, *message.doubles):
         values[field.name] = field.value
     return [{"values": values}]
+
+
+def _unpack_own_change(message: Any) -> List[Row]:
+    """Return the row of a dynamic_reconfigure/Config of move_base itself, whose server is ""."""
+    return [{"server": "", **row} for row in _unpack_change(message)]
 
 
 def _pack_change(row: Mapping[str, Any], sender: Sender) -> Fields:
@@ -529,6 +537,13 @@ COLUMNS: Dict[str, Column] = {
         _unpack_change,
         _pack_change,
         part="server",
+    ),
+    "move_base_changes": Column(
+        "{move_base}/parameter_updates",
+        "dynamic_reconfigure/msg/Config",
+        _unpack_own_change,
+        _pack_change,
+        part_of="changes",
     ),
     "decisions": Column(
         "{applr}/decision", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision

@@ -5,7 +5,7 @@ replay, pages and reports read them. All times are in seconds since the drive's 
 """
 
 import io
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple, Type, TypeVar, get_type_hints
 
@@ -72,6 +72,10 @@ class Rows:
         return type(self)(**columns)
 
 
+def _no_values() -> np.ndarray:
+    return np.empty(0)
+
+
 def nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the indices (k,) of the stamps (n,) [s] that are nearest to times (k,) [s].
 
@@ -94,11 +98,17 @@ class Motion(Rows):
         stamp: (n,) times for which the rows hold [s].
         pose: (n, 3) x, y [m], yaw [rad].
         twist: (n, 2) v [m/s], w [rad/s].
+        sideways: (n,) velocity to the left [m/s]; 0 unless it is given.
     """
 
     stamp: np.ndarray
     pose: np.ndarray = field(metadata={WIDTH: 3})
     twist: np.ndarray = field(metadata={WIDTH: 2})
+    sideways: np.ndarray = field(default_factory=_no_values)
+
+    def __post_init__(self) -> None:
+        if not len(self.sideways):
+            self.sideways = np.zeros(len(self.time))
 
     def pose_at(self, stamp: float) -> Pose:
         """Return the pose (x, y, yaw) [m, m, rad] at a time [s], between the poses around it."""
@@ -124,9 +134,31 @@ class Commands(Rows):
 
     Attributes:
         twist: (n, 2) v [m/s], w [rad/s].
+        sideways: (n,) velocity to the left [m/s]; 0 unless it is given.
     """
 
     twist: np.ndarray = field(metadata={WIDTH: 2})
+    sideways: np.ndarray = field(default_factory=_no_values)
+
+    def __post_init__(self) -> None:
+        if not len(self.sideways):
+            self.sideways = np.zeros(len(self.time))
+
+
+Moving = TypeVar("Moving", Motion, Commands)
+
+
+def with_full_speed(rows: Moving) -> Moving:
+    """Return motion or commands whose v is the speed to all sides; negative if it is backwards.
+
+    A planner is given the speed ahead alone: this is for whoever asks whether a base moves.
+    """
+    if not rows.sideways.any():
+        return rows
+    v, w = rows.twist.T
+    speed = np.hypot(v, rows.sideways)
+    signed_speed = np.where(v < -np.abs(rows.sideways), -speed, speed)
+    return replace(rows, twist=np.column_stack([signed_speed, w]))
 
 
 @dataclass
@@ -321,6 +353,7 @@ class Drive:
         world: World in which the robot drove, if it is known.
         source: Who drove, and where, as told by the recorder.
         notes: Sentences for people about a recording that differs from what is expected.
+        topics: {topic: its key in COLUMNS} of what was recorded; {} for a simulated drive.
     """
 
     name: str = ""
@@ -353,6 +386,7 @@ class Drive:
     world: Optional[World] = None
     source: Dict[str, Any] = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
+    topics: Dict[str, str] = field(default_factory=dict)
 
     @property
     def end(self) -> float:

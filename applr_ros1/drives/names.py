@@ -87,7 +87,7 @@ def missing(column: str, names: TopicNames, types: Mapping[str, str]) -> str:
     # Odometry has no plural.
     if not messages.endswith("y"):
         messages += "s"
-    others = _topics_of(column, types)
+    others = topics_of(column, types)
     if topic in types and topic not in others:
         return f"{topic} has messages of {types[topic]}, not {messages}: give --{option}"
     if not others:
@@ -99,14 +99,14 @@ def missing_plans(planner: str, names: TopicNames, types: Mapping[str, str]) -> 
     """Return what is said of a bag without plans of move_base."""
     followed = topic_of("plans", names, planner)
     route = topic_of("routes", names, GLOBAL_PLANNERS[0])
-    others = _topics_of("plans", types)
+    others = topics_of("plans", types)
     message = f"no messages on {followed}, nor on {route}: record one of them"
     if others:
         message += f", or give --move-base; the bag has Paths on {', '.join(others)}"
     return message
 
 
-def _topics_of(column: str, types: Mapping[str, str]) -> List[str]:
+def topics_of(column: str, types: Mapping[str, str]) -> List[str]:
     """Return the bag's topics whose type a column takes."""
     topics = []
     for topic, message_type in types.items():
@@ -129,11 +129,11 @@ def names_beside(
     """
     found_names = {}
     for field_name, column in (("scan", "scans"), ("odometry", "odometry")):
-        read_topics = move_base.subscribed & set(_topics_of(column, types))
+        read_topics = move_base.subscribed & set(topics_of(column, types))
         # A move_base with several lasers has one of the usual name, or the first one counts.
         if read_topics and getattr(names, field_name) not in read_topics:
             found_names[field_name] = min(read_topics)
-    written_topics = move_base.published & set(_topics_of("planned", types))
+    written_topics = move_base.published & set(topics_of("planned", types))
     # If its commands pass a monitor, those at the base are the robot's own topic.
     if written_topics and topic_of("planned", names) not in written_topics:
         found_names["command"] = min(written_topics)

@@ -6,8 +6,11 @@ The reader of bags (training/bags) and the black box call it. It needs neither R
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter, defaultdict
+from dataclasses import replace
 from fnmatch import fnmatchcase
+from operator import attrgetter
 from typing import (
     Any,
     Callable,
@@ -15,6 +18,7 @@ from typing import (
     DefaultDict,
     Dict,
     Iterable,
+    Iterator,
     List,
     Mapping,
     NamedTuple,
@@ -29,7 +33,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import measured_ranges
 from applr_ros1.drives import paths
 from applr_ros1.drives.bag import UnpackedRow, drive_of
-from applr_ros1.drives.columns import COLUMNS, SECOND, Row, TopicNames, column_of, topic_of
+from applr_ros1.drives.columns import COLUMNS, SECOND, Row, Stamp, TopicNames, column_of, topic_of
 from applr_ros1.drives.drive import Clearances, Drive, Scans
 from applr_ros1.drives.outcome import nearest
 from applr_ros1.drives.robot_time import RecordedStamp, RobotTime
@@ -37,6 +41,9 @@ from applr_ros1.robots import Robot
 
 _LOGGER = logging.getLogger(__name__)
 SENSORS = ("odometry", "scans")  # columns whose stamps may set the robot's time
+BACK_NS = SECOND  # time by which those of a sensor go back if the clock was set [ns]
+PAUSE_NS = 2 * SECOND  # time in which no topic has a message if all times jump [ns]
+JUMPED_M = 0.5  # distance of the odometry from where it was that shows another drive [m]
 
 
 class TopicSource(NamedTuple):
@@ -74,14 +81,19 @@ def sources_of(
         if columns is not None and column_of(key) not in columns:
             continue
         # A topic such as MOVE_BASE/SERVER/parameter_updates; a server's name may hold slashes.
-        pattern = topic_of(key, names)
-        prefix, _, suffix = pattern.partition("*")
-        for topic, message_type in types.items():
-            if fnmatchcase(topic, pattern) and column.accepts(message_type):
-                part = {}
-                if column.part:
-                    part[column.part] = topic[len(prefix) : len(topic) - len(suffix)]
-                sources[topic] = TopicSource(key, part)
+        patterns = {topic_of(key, names): column.part}
+        if column_of(key) == "goals":
+            # move_base_flex has several actions: MOVE_BASE/ACTION/status.
+            flex_names = replace(names, move_base=f"{names.move_base}/*")
+            patterns[topic_of(key, flex_names)] = "action"
+        for pattern, part_name in patterns.items():
+            prefix, _, suffix = pattern.partition("*")
+            for topic, message_type in types.items():
+                if fnmatchcase(topic, pattern) and column.accepts(message_type):
+                    part = {}
+                    if part_name:
+                        part[part_name] = topic[len(prefix) : len(topic) - len(suffix)]
+                    sources[topic] = TopicSource(key, part)
     return sources
 
 
@@ -140,8 +152,18 @@ def received(
     return Received(recording_time, source.key, rows)
 
 
-def drive_from(messages: Sequence[Received], robot: Robot) -> Drive:
-    """Return the drive of messages in order of recording. Times count from the first one."""
+def drive_from(messages: Sequence[Received], robot: Robot, is_one: bool = False) -> Drive:
+    """Return the drive of messages in the order in which they came. Times count from the first one.
+
+    Args:
+        messages: The messages.
+        robot: Robot that drove.
+        is_one: Whether they are to be one drive by one clock (by_one_clock).
+    """
+    notes: List[str] = []
+    if is_one:
+        messages, notes = by_one_clock(messages)
+    messages = sorted(messages, key=attrgetter("recording_time"))
     # The robot's time at which each message was recorded, since the first one
     robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
     first_time = min((message.recording_time for message in messages), default=0)
@@ -156,13 +178,105 @@ def drive_from(messages: Sequence[Received], robot: Robot) -> Drive:
     drive = drive_of(unpacked, begin_time, robot)
     drive.recorded_at = first_time / SECOND
     if robot_time.note:
-        drive.notes.append(robot_time.note)
+        notes.append(robot_time.note)
+    drive.notes += notes
     if drive.scans is not None:
         # A bag has the ranges as the laser's driver publishes them.
         no_return = robot.laser.no_return
         drive.scans.ranges = [measured_ranges(row, no_return) for row in drive.scans.ranges]
         drive.clearances = _clearances(drive.scans, robot)
     return drive
+
+
+def by_one_clock(messages: Sequence[Received]) -> Tuple[List[Received], List[str]]:
+    """Return messages in order of time by the clock at the end, and what is to be said of it.
+
+    A clock that is set, a simulation that begins anew, and a recording that pauses all look alike:
+    it is one drive if the odometry goes on where it was. Else the longer one counts.
+
+    Args:
+        messages: The messages in the order in which they came.
+    """
+    drive: List[Received] = []
+    notes = []
+    for part in _parts(messages):
+        # What comes before the first measurement and after the last one pauses as it likes.
+        if not (_is_measured(drive) and _is_measured(part)):
+            drive = drive + part
+            continue
+        step = part[0].recording_time - drive[-1].recording_time
+        driven = drive[-1].recording_time - drive[0].recording_time
+        note = f"all times jump by {step / SECOND:,.1f} s after {driven / SECOND:.1f} s: "
+        if _continues(drive, part):
+            notes.append(f"{note}the clock was set, or the recording paused")
+            later_messages = []
+            for message in drive:
+                later_messages.append(_set_later(message, message.recording_time, step))
+            for message in part:
+                later_messages.append(_set_later(message, message.recording_time - step, step))
+            drive = later_messages
+        else:
+            notes.append(f"{note}the longer of two drives is read")
+            drive = max(drive, part, key=len)
+    return drive, notes
+
+
+def _parts(messages: Sequence[Received]) -> Iterator[List[Received]]:
+    """Yield the parts in which no time jumps, each in order of time."""
+    starts = [0]
+    latest_times: Dict[str, int] = {}
+    for number, message in enumerate(messages):
+        time = message.recording_time
+        # Topics may be written one after the other: only the times of one topic show a jump back.
+        if message.key in SENSORS and latest_times.get(message.key, time) - time > BACK_NS:
+            start = number
+            while messages[start - 1].recording_time <= time:
+                start -= 1
+            starts.append(start)
+            latest_times.clear()
+        latest_times[message.key] = time
+    for start, end in zip(starts, [*starts[1:], len(messages)]):
+        part = sorted(messages[start:end], key=attrgetter("recording_time"))
+        pauses = np.diff([message.recording_time for message in part]) > PAUSE_NS
+        edges = [0, *(np.flatnonzero(pauses) + 1), len(part)]
+        for first, last in zip(edges, edges[1:]):
+            yield part[first:last]
+
+
+def _is_measured(messages: Sequence[Received]) -> bool:
+    return any(message.key in SENSORS for message in messages)
+
+
+def _continues(drive: Sequence[Received], part: Sequence[Received]) -> bool:
+    """Return whether the odometry of a part goes on where that of the drive before it ends."""
+    poses_before = [message.rows[-1]["pose"] for message in drive if _has_pose(message)]
+    poses_after = [message.rows[0]["pose"] for message in part if _has_pose(message)]
+    if not poses_before or not poses_after:
+        return True
+    return math.dist(poses_before[-1][:2], poses_after[0][:2]) <= JUMPED_M
+
+
+def _has_pose(message: Received) -> bool:
+    return message.key == "odometry" and bool(message.rows)
+
+
+def _set_later(message: Received, clock: int, step: int) -> Received:
+    """Return a message of before a jump of the clock by the clock after it.
+
+    Args:
+        message: The message. One that came after the jump may have been stamped before it.
+        clock: Time at which it came by the clock before the jump [ns].
+        step: The jump [ns].
+    """
+    rows = []
+    for row in message.rows:
+        set_row = dict(row)
+        for name, value in row.items():
+            # The stamps of a simulation are not by the clock of the recorder.
+            if isinstance(value, Stamp) and abs(value - clock) < abs(step) / 2:
+                set_row[name] = Stamp(value + step)
+        rows.append(set_row)
+    return message._replace(recording_time=clock + step, rows=rows)
 
 
 def _stamped(messages: Sequence[Received], column: str) -> List[RecordedStamp]:

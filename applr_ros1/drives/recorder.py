@@ -1,6 +1,6 @@
 """Recorder: collects the rows of a drive while it happens, and returns them as a Drive."""
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any, Dict, List, Optional, Type
 
 import numpy as np
@@ -36,6 +36,8 @@ class RowLog:
         self._arrays: Dict[str, np.ndarray] = {}
         self._lists: Dict[str, List[Any]] = {}
         for column in fields(kind):
+            if column.default_factory is not MISSING:
+                continue  # Nobody records it here.
             if column.type is not np.ndarray:
                 self._lists[column.name] = []
             elif WIDTH in column.metadata:

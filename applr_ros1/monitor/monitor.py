@@ -17,7 +17,6 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import moving, stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
 from applr_ros1.monitor.lasers import Lasers, WatchedLaser
-from applr_ros1.monitor.matched_frame import MatchedFrame
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
@@ -167,7 +166,7 @@ class CollisionMonitor:
         silence: time after a command at which the base must be braked() unless another command
             arrives [s].
         strays: lasers that the latest scan has let go.
-        matched_frame: frame of corrected poses for planners.
+        matcher: the ScanMatcher; planners may drive in the frame of its corrected poses.
     """
 
     def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
@@ -187,7 +186,6 @@ class CollisionMonitor:
         self.lasers = Lasers(self.settings, more_scans)
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
-        self.matched_frame = MatchedFrame()
         self.motion = PoseMotion()
         self.reset()
 
@@ -204,7 +202,6 @@ class CollisionMonitor:
         self.strays: List[WatchedLaser] = []
         self.seen.clear()
         self.matcher.clear()
-        self.matched_frame.clear()
         self.motion.clear()
         self.ages = Ages(scan=0.0, pose=0.0, twist=0.0)
         self._pose: Optional[Pose] = None  # latest pose of the odometry
@@ -246,15 +243,13 @@ class CollisionMonitor:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
-        # In the odometry's frame, what stands would seem to move while the wheels slip. In the
-        # matcher's, poses may be off by metres among moving obstacles.
-        laser.tracker.frame = self.matched_frame.correction
+        # In the odometry's frame, what stands would seem to move while the wheels slip.
+        laser.tracker.frame = self.matcher.correction
         movers = laser.tracker.update(scan).certain()
         laser.movers = movers
         is_partial = len(movers.x) > 0
 
         # The first laser corrects the pose, before any point of the scan is stored.
-        correction_before = self.matcher.correction
         if laser is self.lasers.first:
             self.matcher.add_scan(without_movers(scan, movers), is_partial)
             if self.matcher.lost:
@@ -263,8 +258,6 @@ class CollisionMonitor:
                     "the scan shows another place than the previous scan: "
                     "check that one robot publishes it"
                 )
-        if not is_partial:
-            self.matched_frame.follow(self.matcher, correction_before)
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
 
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
@@ -282,8 +275,8 @@ class CollisionMonitor:
         if self.strays:
             self.seen.clear()
         if self.lasers.first is not first_laser:
-            # The poses were corrected by the scans of the stray.
-            self.matcher.clear()
+            # The references are scans of the stray.
+            self.matcher.forget_scans()
             self._forget_place()
             for watched in self.lasers:
                 watched.forget_tracks()

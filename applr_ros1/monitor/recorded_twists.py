@@ -5,6 +5,7 @@ The monitor compares both while a robot drives (odometry_check.py); here the dri
 
 from __future__ import annotations
 
+import math
 from typing import Iterator, List, NamedTuple, Tuple
 
 import numpy as np
@@ -44,7 +45,7 @@ def checked_twists(stamps: np.ndarray, poses: np.ndarray, twists: np.ndarray) ->
 
 
 def _by_poses(stamps: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.ndarray:
-    """Return the velocities (n, 2) that the poses show.
+    """Return the velocities (n, 2) that the poses show, v to all sides.
 
     They are the recorded ones if the poses are too rare to show any.
     """
@@ -57,7 +58,9 @@ def _by_poses(stamps: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.n
             continue
         # A velocity holds for the middle of the time over which it is measured.
         middle_stamps.append(stamp - motion.baseline / 2)
-        velocities.append((motion.velocity.v, motion.velocity.w))
+        # A base that drives sideways moves as well.
+        speed = math.hypot(motion.velocity.v, motion.velocity.leftward)
+        velocities.append((math.copysign(speed, motion.velocity.v), motion.velocity.w))
     if not velocities:
         return twists
     measured_v, measured_w = np.array(velocities).T

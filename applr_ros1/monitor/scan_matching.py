@@ -7,8 +7,10 @@ is matched to an earlier scan (point to line; Censi, "An ICP variant using a poi
 ICRA 2008) from two initial guesses. The first is the odometry's pose. The second extrapolates the
 last motion, because a sliding base keeps its speed while its wheels stand or turn backwards. The
 second guess is used only if it leads to a clearly better fit. Points that do not fit, such as a
-walking person, get a low weight. The initial guess is also a prior: it determines the directions
-that the scan does not constrain, such as along a bare corridor.
+walking person, get a low weight, by a width that follows the scatter of the others. The initial
+guess is also a prior. Along a direction that few beams measure, such as along a bare corridor, the
+odometry alone decides, but the walls measure the heading best of all. So a planner may drive in the
+frame of these poses.
 """
 
 import math
@@ -23,25 +25,32 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.rays import ScanRays, beam_at, end_point, rays_of
 
 REACH_M = 8.0  # longest range that is used for matching [m]
-STRIDE_BEAMS = 3  # spacing of the beams that are matched to an earlier scan [beams]
-PARTIAL_POINTS = 60  # number of points of a partial scan that are matched, if there are as many
+# Largest spacing of the beams that are matched to an earlier scan [beams]. It is less for a scanner
+# with few beams, and for a partial scan, if fewer points than these numbers would be matched.
+STRIDE_BEAMS = 3
+MATCHED_POINTS = 120
+PARTIAL_POINTS = 60
 # Distance to each side of a point over which the surface normal is estimated [m], and the largest
 # number of beams.
 BASE_M = 0.02
 BASE_BEAMS = 20
+# Noise of the ranges makes normals of a short base point anywhere: least base by noise.
+BASE_NOISES = 5.0
 # Points of neighbouring beams lie on one surface if their ranges differ by less than this
-# multiple of their spacing.
+# multiple of their spacing, or of the noise.
 STEEPEST = 4.0
 # Distance and angle to the nearest reference scan above which a scan is kept.
-APART_M = 0.15
+APART_M = 0.3
 APART_RAD = 0.3
 REFERENCES_KEPT = 256  # largest number of reference scans
 ITERATIONS = 12  # maximum number of iterations of one match
 COARSE = 4  # number of first iterations that are coarse
 SETTLED = 1e-5  # step below which later iterations end [m, rad]
-# Point-to-line distance that gets weight 1/4, in coarse and in later iterations [m].
+# Point-to-line distance that gets weight 1/4 [m]: in coarse iterations, and the smallest in later
+# ones, where it is a multiple of the standard deviation of the distances.
 WIDE_M = 0.1
 NARROW_M = 0.02
+WIDTH_DEVIATIONS = 2.5
 NOISE_M = 0.01  # standard deviation of a point-to-line distance [m]
 # Expected errors of the odometry between two scans.
 SLIP_M = 0.05
@@ -52,7 +61,13 @@ LARGEST_TURN_RAD = 0.1
 # Excess of mean weight above which a match from the extrapolated pose is preferred.
 BETTER_WEIGHT = 0.05
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
+# Smallest share of the beams that measures a direction (ScanMatch.support).
+SUPPORT = 0.02
+STIFF = 1e6  # precision of the prior along a direction that is not measured
 ENOUGH_POINTS = 20  # smallest number of matched points of a valid match
+# Of all beams, that many as ENOUGH_POINTS of those that are matched: smallest number of points in
+# view of another scan that can show another place.
+ENOUGH_IN_VIEW = ENOUGH_POINTS * STRIDE_BEAMS
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
 ELSEWHERE_SHARE = 0.15  # smallest share of a scan's points in free space of a scan of another place
 SEARCH_STEPS = 3  # number of steps of the search for a beam, before its bearing is computed
@@ -61,12 +76,25 @@ SEARCH_STEPS = 3  # number of steps of the search for a beam, before its bearing
 class ScanMatch(NamedTuple):
     """Best match of points to an earlier scan.
 
-    pose: of the laser. matches: number of matched points. weight: sum of their weights.
+    pose: of the laser. matches: number of matched points. weight: sum of their weights. support:
+    share of the beams that measures along the axis along which fewest do, by weight: 0 before a
+    bare wall, .5 in the middle of a round wall.
     """
 
     pose: Pose
     matches: int
     weight: float
+    support: float
+
+    @property
+    def mean_weight(self) -> float:
+        """Mean weight of the matched points, 0 without any."""
+        return self.weight / max(self.matches, 1)
+
+    @property
+    def fits(self) -> bool:
+        """Whether most of the matched points lie near the earlier scan's surfaces."""
+        return self.mean_weight >= FITTING_WEIGHT
 
 
 class View(NamedTuple):
@@ -83,6 +111,10 @@ class ScanMatcher:
     """Corrects odometry poses by a slowly changing transform, which is estimated by scan matching.
 
     Attributes:
+        correction: pose of the odometry's frame in that of the corrected poses.
+        support: ScanMatch.support of the latest scan.
+        problem: why the latest scan was not matched, "" if it was.
+        matched_stamp: stamp of the latest scan that was matched [s], None without one.
         lost: whether the latest scan contradicts the previous scan, for instance because the robot
             was carried or its odometry was reset. The scan must show new obstacles in space that
             was observed free. Obstacles that only vanish, such as a door that opens, do not count.
@@ -103,7 +135,14 @@ class ScanMatcher:
         Poses stay uncorrected until two scans have arrived.
         """
         self.correction: Pose = (0.0, 0.0, 0.0)
+        self.forget_scans()
+
+    def forget_scans(self) -> None:
+        """Forget all scans. The correction stays, so that the frame of a planner does not jump."""
         self.lost = False
+        self.support = 0.0
+        self.problem = "no earlier scan"
+        self.matched_stamp: Optional[float] = None
         # Scans have corrected poses, and NaN for the ranges that are not used for matching.
         self._references: List[ScanRays] = []  # reference scans, oldest first
         self._last: Optional[ScanRays] = None  # last scan
@@ -113,12 +152,14 @@ class ScanMatcher:
         self._speed: Pose = (0.0, 0.0, 0.0)
 
     @property
-    def support(self) -> float:
-        """Share of the beams that measures in the direction in which fewest do (support_of).
-
-        It is that of the earlier scan against which the latest one was matched.
-        """
-        return float(support_of(self._lines))
+    def report(self) -> str:
+        """Whether scans are matched; if not, since when and why."""
+        if not self.problem:
+            return "on"
+        since = ""
+        if self.matched_stamp is not None:
+            since = f" since the scan of {self.matched_stamp:.2f} s"
+        return f"off{since}: {self.problem}"
 
     def corrected(self, pose: Pose) -> Pose:
         """Return the corrected pose for a pose (x, y, yaw) of the odometry frame [m, rad]."""
@@ -142,33 +183,36 @@ class ScanMatcher:
         measured_ranges = scan.distances
         is_used = np.isfinite(measured_ranges) & (measured_ranges < REACH_M)
         used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
-        stride = STRIDE_BEAMS
+        stride = min(max(len(is_used) // MATCHED_POINTS, 1), STRIDE_BEAMS)
         if is_partial:
             used_count = int(np.count_nonzero(is_used))
-            stride = min(max(used_count // PARTIAL_POINTS, 1), STRIDE_BEAMS)
+            stride = min(max(used_count // PARTIAL_POINTS, 1), stride)
         pose = self.corrected(scan.sensor_pose)
         newest_rays = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
         guesses = self._guesses(pose, scan.stamp)
         nearest_index = self._nearest(pose)
 
-        matched_pose: Optional[Pose] = None
         self.lost = False
+        self.problem = "no earlier scan"
+        match: Optional[ScanMatch] = None
         if nearest_index is not None:
-            matched_pose = self._align(
-                self._references[nearest_index], newest_rays, guesses, stride
-            )
-            if matched_pose is None:
+            reference = self._references[nearest_index]
+            match = self._align(reference, newest_rays, guesses, stride)
+            if self.problem:
                 assert self._last is not None
                 del self._references[nearest_index]
                 nearest_index = None
-                matched_pose = self._align(self._last, newest_rays, guesses, stride)
-                if matched_pose is None:
-                    self.lost = self._is_elsewhere(measured_ranges, newest_rays)
+                match = self._align(self._last, newest_rays, guesses, stride)
+            # A scan that fits is no other place, even if it is too small or its pose too far away.
+            if not match.fits:
+                self.lost = self._is_elsewhere(measured_ranges, newest_rays)
         if self.lost:
             self._references.clear()
-        if matched_pose is not None:
-            newest_rays = _at(newest_rays, matched_pose)
-            self.correction = compose(matched_pose, inverse(scan.sensor_pose))
+        is_matched = not self.problem
+        if match is not None and is_matched:
+            newest_rays = _at(newest_rays, match.pose)
+            self.correction = compose(match.pose, inverse(scan.sensor_pose))
+            self.matched_stamp = scan.stamp
 
         if nearest_index is None or self._is_apart(self._references[nearest_index], newest_rays):
             self._references = [*self._references[1 - REFERENCES_KEPT :], newest_rays]
@@ -176,7 +220,7 @@ class ScanMatcher:
         self._last = newest_rays
         self._last_stamp = scan.stamp
         self._last_ranges = measured_ranges
-        return matched_pose is not None
+        return is_matched
 
     def _is_apart(self, reference: ScanRays, newest: ScanRays) -> bool:
         """Return whether a scan is far enough from the nearest reference to become one."""
@@ -201,13 +245,13 @@ class ScanMatcher:
         """
         assert self._last is not None
         new_point_counts = _seen_through(newest, self._last._replace(ranges=self._last_ranges))
-        if new_point_counts.in_view < ENOUGH_POINTS:
+        if new_point_counts.in_view < ENOUGH_IN_VIEW:
             return False
         if not new_point_counts.seen_through > ELSEWHERE_SHARE * new_point_counts.in_view:
             return False
         # If few points of the last scan are in view, the scan cannot show that they are gone.
         old_point_counts = _seen_through(self._last, newest._replace(ranges=measured))
-        if old_point_counts.in_view < ENOUGH_POINTS:
+        if old_point_counts.in_view < ENOUGH_IN_VIEW:
             return True
         return old_point_counts.seen_through > ELSEWHERE_SHARE * old_point_counts.in_view
 
@@ -228,8 +272,8 @@ class ScanMatcher:
 
     def _align(
         self, earlier: ScanRays, newest: ScanRays, guesses: List[Pose], stride: int
-    ) -> Optional[Pose]:
-        """Return the pose at which a scan fits an earlier one, or None if no match is valid.
+    ) -> ScanMatch:
+        """Return the best match of a scan to an earlier one, and set `problem`.
 
         stride: spacing of the beams that are matched [beams].
         """
@@ -237,8 +281,7 @@ class ScanMatcher:
             self._lines_of = earlier.ranges
             self._lines = lines(earlier.ranges, earlier.angle_min, earlier.increment)
         points = _points(newest.ranges, newest.angle_min, newest.increment, stride)
-        best_pose: Optional[Pose] = None
-        best_rank = (False, -math.inf)
+        candidates = []
         for number, guess in enumerate(guesses):
             match = _match(
                 self._lines,
@@ -246,20 +289,22 @@ class ScanMatcher:
                 earlier.increment,
                 _pose_of(earlier),
                 points,
+                len(newest.ranges) / stride,
                 guess,
             )
             # A valid match comes before any other. The odometry's pose, the first guess, wins
-            # unless another fits clearly better.
+            # unless another fits clearly better, and fits nowhere else.
             handicap = 0.0
             if number > 0:
+                if match.support < SUPPORT:
+                    continue
                 handicap = BETTER_WEIGHT
-            mean_weight = match.weight / max(match.matches, 1)
-            rank = (_is_valid(match, guess), mean_weight - handicap)
-            if rank > best_rank:
-                best_pose = match.pose
-                best_rank = rank
-        is_valid, _ = best_rank
-        return best_pose if is_valid else None
+            problem = _problem(match, guess)
+            rank = (not problem, match.mean_weight - handicap)
+            candidates.append((rank, problem, match))
+        _, self.problem, best_match = max(candidates, key=lambda candidate: candidate[0])
+        self.support = best_match.support
+        return best_match
 
     def _nearest(self, pose: Pose) -> Optional[int]:
         """Return the index of the reference nearest to a pose, or None if there is no reference."""
@@ -274,28 +319,11 @@ class ScanMatcher:
 
 
 @kernel
-def support_of(surface: Array) -> float:
-    """Return how many beams measure a motion in the direction in which fewest do, as share of all.
-
-    It is the smaller eigenvalue of the sum of n n^T over the normals n, by the number of beams: 0
-    before a bare wall, 0.5 in the middle of a round wall.
-
-    Args:
-        surface: lines() of a scan.
-    """
-    beam_count = surface.shape[0]
-    xx = 0.0
-    xy = 0.0
-    yy = 0.0
-    for beam in range(beam_count):
-        normal_x = surface[beam, 2]
-        normal_y = surface[beam, 3]
-        if not math.isnan(normal_x):
-            xx += normal_x * normal_x
-            xy += normal_x * normal_y
-            yy += normal_y * normal_y
+def weakest_axis(xx: float, xy: float, yy: float) -> Tuple[float, float, float]:
+    """Return the smaller eigenvalue of the matrix (xx, xy; xy, yy), and its unit vector x, y."""
     smallest = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-    return float(smallest / max(beam_count, 1))
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    return smallest, -math.sin(angle), math.cos(angle)
 
 
 def _pose_of(rays: ScanRays) -> Pose:
@@ -317,15 +345,18 @@ def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
     return distance, abs(angle)
 
 
-def _is_valid(match: ScanMatch, guess: Pose) -> bool:
-    """Return whether a match has enough fitting points, and a plausible pose."""
+def _problem(match: ScanMatch, guess: Pose) -> str:
+    """Return why a match is not valid, "" if it is."""
+    if match.matches < ENOUGH_POINTS:
+        return (
+            f"{match.matches} points are near an earlier scan's surfaces, less than {ENOUGH_POINTS}"
+        )
+    if not match.fits:
+        return f"points are farther than {WIDE_M:g} m from the surfaces of an earlier scan"
     distance, angle = _difference(match.pose, guess)
-    return (
-        match.matches >= ENOUGH_POINTS
-        and match.weight >= FITTING_WEIGHT * match.matches
-        and distance <= LARGEST_SHIFT_M
-        and angle <= LARGEST_TURN_RAD
-    )
+    if distance > LARGEST_SHIFT_M or angle > LARGEST_TURN_RAD:
+        return f"it fits an earlier scan {distance:.2f} m and {angle:.2f} rad from the odometry"
+    return ""
 
 
 @kernel
@@ -373,6 +404,7 @@ def _match(
     increment: float,
     earlier_pose: Pose,
     points: Array,
+    beam_count: float,
     guess: Pose,
 ) -> ScanMatch:
     """Return the pose at which points best fit an earlier scan.
@@ -388,6 +420,7 @@ def _match(
         earlier_pose: pose of the laser at the earlier scan.
         points: (k, 3) points of the new scan. The third column is overwritten with the index of the
             earlier scan's beam towards each point, where the next search starts.
+        beam_count: number of beams that the points were chosen from, with and without return.
         guess: initial guess of the new scan's pose, which is also a prior.
     """
     # Guess and pose in the frame of the earlier scan.
@@ -403,22 +436,26 @@ def _match(
     y = guess_y
     yaw = guess_yaw
 
+    # Precision of the prior, which is that of the odometry, in units of that of a distance.
+    prior = (NOISE_M / SLIP_M) ** 2
+    yaw_prior = (NOISE_M / YAW_ERROR_RAD) ** 2
+    scale = WIDE_M
     matches = 0
     weight_sum = 0.0
+    support = 0.0
     for iteration in range(ITERATIONS):
-        scale = WIDE_M if iteration < COARSE else NARROW_M
         matches = 0
         weight_sum = 0.0
-        # The prior has the precision of the odometry, in units of the precision of a distance.
-        a00 = (NOISE_M / SLIP_M) ** 2
-        a11 = a00
-        a22 = (NOISE_M / YAW_ERROR_RAD) ** 2
+        square_sum = 0.0
+        a00 = 0.0
         a01 = 0.0
         a02 = 0.0
+        a11 = 0.0
         a12 = 0.0
-        b0 = a00 * (guess_x - x)
-        b1 = a11 * (guess_y - y)
-        b2 = a22 * (guess_yaw - yaw)
+        a22 = yaw_prior
+        b0 = prior * (guess_x - x)
+        b1 = prior * (guess_y - y)
+        b2 = yaw_prior * (guess_yaw - yaw)
         cos_yaw = math.cos(yaw)
         sin_yaw = math.sin(yaw)
         for i in range(points.shape[0]):
@@ -453,6 +490,7 @@ def _match(
             moment = normal_y * lever_x - normal_x * lever_y
             matches += 1
             weight_sum += weight
+            square_sum += weight * distance * distance
             weighted_x = weight * normal_x
             weighted_y = weight * normal_y
             weighted_moment = weight * moment
@@ -465,6 +503,20 @@ def _match(
             b0 -= weighted_x * distance
             b1 -= weighted_y * distance
             b2 -= weighted_moment * distance
+
+        # Along an axis along which few beams measure, errors of range that move along with the
+        # robot would hold the pose, as at normal incidence: there the odometry decides.
+        smallest, axis_x, axis_y = weakest_axis(a00, a01, a11)
+        support = smallest / beam_count
+        a00 += prior
+        a11 += prior
+        if iteration >= COARSE and support < SUPPORT:
+            error = axis_x * (guess_x - x) + axis_y * (guess_y - y)
+            a00 += STIFF * axis_x * axis_x
+            a01 += STIFF * axis_x * axis_y
+            a11 += STIFF * axis_y * axis_y
+            b0 += STIFF * axis_x * error
+            b1 += STIFF * axis_y * error
         dx, dy, dyaw = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
         x += dx
         y += dy
@@ -474,9 +526,12 @@ def _match(
         step_y = abs(sin_frame * dx + cos_frame * dy)
         if iteration >= COARSE and step_x + step_y + abs(dyaw) < SETTLED:
             break
+        if iteration + 1 >= COARSE:
+            deviation = math.sqrt(square_sum / max(weight_sum, 1e-9))
+            scale = min(max(WIDTH_DEVIATIONS * deviation, NARROW_M), WIDE_M)
     pose_x = frame_x + cos_frame * x - sin_frame * y
     pose_y = frame_y + sin_frame * x + cos_frame * y
-    return ScanMatch((pose_x, pose_y, frame_yaw + yaw), matches, weight_sum)
+    return ScanMatch((pose_x, pose_y, frame_yaw + yaw), matches, weight_sum, support)
 
 
 @kernel
@@ -513,6 +568,8 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
         beam without return.
     """
     beam_count = ranges.shape[0]
+    noise = noise_of(ranges)
+    base = max(BASE_M, BASE_NOISES * noise)
     surface = np.empty((beam_count, 6))
     for beam in range(beam_count):
         angle = angle_min + beam * increment
@@ -526,14 +583,14 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
     for beam in range(beam_count - 1):
         # Spacing of neighbouring points of a surface at a right angle to the beam [m].
         spacing = abs(ranges[beam] * increment)
-        largest_step = STEEPEST * spacing
+        largest_step = STEEPEST * max(spacing, noise)
         # The comparison is false for NaN.
         if not abs(ranges[beam + 1] - ranges[beam]) < largest_step:
             continue
 
         # The normal is that of a line over neighbours to both sides, because one spacing is shorter
         # than the noise.
-        beam_span = min(int(math.ceil(BASE_M / max(spacing, 1e-6))), BASE_BEAMS)
+        beam_span = min(int(math.ceil(base / max(spacing, 1e-6))), BASE_BEAMS)
         first_beam = beam
         last_beam = beam + 1
         while (
@@ -555,6 +612,22 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
             surface[beam, 2] = -offset_y / base_length
             surface[beam, 3] = offset_x / base_length
     return surface
+
+
+@kernel
+def noise_of(ranges: Array32) -> float:
+    """Return the standard deviation of a scan's ranges about a smooth surface [m].
+
+    Second differences of neighbouring ranges show it; edges and curved surfaces hardly count in
+    their median. It is 0 if no three neighbours have returns.
+    """
+    bends = np.abs(ranges[2:] - 2.0 * ranges[1:-1] + ranges[:-2])
+    bends = bends[np.isfinite(bends)]
+    if not len(bends):
+        return 0.0
+    # A second difference has the variance 1 + 4 + 1, and the median of a normal distribution's
+    # absolute values is .67 of its standard deviation.
+    return float(np.median(bends) / (0.67 * math.sqrt(6.0)))
 
 
 @kernel

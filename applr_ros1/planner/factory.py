@@ -8,11 +8,11 @@ import numpy as np
 
 from applr_ros1.common.scan import Source
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
+from applr_ros1.planner.costmap.costmap import Costmap, Layer
 from applr_ros1.planner.costmap.grid import FREE, UNKNOWN
-from applr_ros1.planner.costmap.inflation_layer import InflationParameters
-from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.static_layer import StaticParameters
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
+from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticParameters
 from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.parameters.configuration import Configuration
@@ -66,7 +66,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         config: current configuration.
     """
     current = config[name]
-    descriptions = [_describe(layer, config[layer.path]) for layer in layers(name, static)]
+    costmap_layers = [_make_layer(layer, config[layer.path]) for layer in layers(name, static)]
     # A costmap has its own track_unknown_space only if the files give one (check.complete).
     track_unknown = static.get("track_unknown_space", False)
     return Costmap(
@@ -77,12 +77,12 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         rolling=static["rolling_window"],
         footprint=footprint.padded(current),
         track_unknown=track_unknown,
-        layers=descriptions,
+        layers=costmap_layers,
     )
 
 
-def _describe(layer: LayerSection, current: Mapping[str, Any]) -> LayerDescription:
-    """Return the description of a layer.
+def _make_layer(layer: LayerSection, current: Mapping[str, Any]) -> Layer:
+    """Return a layer of a costmap.
 
     Args:
         layer: section of the layer in the complete parameter tree.
@@ -90,10 +90,10 @@ def _describe(layer: LayerSection, current: Mapping[str, Any]) -> LayerDescripti
     """
     static = layer.values
     if layer.kind == INFLATION_LAYER:
-        return LayerDescription(layer.name, InflationParameters(**current))
+        return InflationLayer(layer.name, InflationParameters(**current))
     if layer.kind == STATIC_LAYER:
-        return LayerDescription(layer.name, StaticParameters(**dict(static, **current)))
-    return LayerDescription(
+        return StaticLayer(layer.name, StaticParameters(**dict(static, **current)))
+    return ObstacleLayer(
         layer.name,
         ObstacleParameters(**current),
         [Source(**static[name]) for name in sources(static)],

@@ -191,6 +191,20 @@ def start_record(values: Iterable[float]) -> Any:
     return np.array([tuple(values)], START)[0]
 
 
+def follow_sample(
+    roll_out: Callable[..., None],
+    p: Record,
+    start: Iterable[float],
+    sample: Velocity,
+    points: np.ndarray,
+) -> None:
+    """Write the poses of a sample's trajectory to `points`, by a planner's kernel `roll_out`.
+
+    start: values of the sample's START record.
+    """
+    roll_out(p, start_record(start), sample, points)
+
+
 def floats(values: Iterable[float]) -> Triple:
     """Return three numbers as floats, the only number type for which the kernels are compiled."""
     first, second, third = (float(value) for value in values)

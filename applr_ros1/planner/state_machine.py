@@ -388,7 +388,9 @@ class StateMachine:
             cycle.controlled = True
 
         # A robot that its monitor blocks is moved by short motions, and then gets a recovery.
-        motion = self._escape_motion(now, not is_valid)
+        motion = self._escape.motion(now, not is_valid)
+        if motion is not None:
+            local_planner.end_escape()
         if self._escape.is_exhausted:
             self._begin_clearing(CONTROLLING, cycle)
         elif motion is not None:
@@ -421,16 +423,6 @@ class StateMachine:
         self.state = PLANNING
         self._restart_planner_patience(inputs.time)
         self._wake_planner()
-
-    def _escape_motion(self, now: float, blocked: bool) -> Optional[Twist]:
-        """Return the motion that frees a robot blocked by its monitor.
-
-        None stands for the local planner's command.
-        """
-        motion = self._escape.motion(now, blocked)
-        if motion is not None:
-            self._components.local_planner.end_escape()
-        return motion
 
     # -- recoveries --------------------------------------------------------------------------------
     def _begin_clearing(self, trigger: str, cycle: Cycle) -> None:

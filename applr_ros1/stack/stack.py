@@ -102,7 +102,7 @@ class Stack:
         """
         if self.monitor is None or self.move_base.global_frame != self._matched_frame:
             return None
-        return self.monitor.matched_frame.correction
+        return self.monitor.matcher.correction
 
     @property
     def movers(self) -> np.ndarray:

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from applr_ros1.common.angles import Pose, transform_point
+from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots.geometry import bounding_box
 from applr_ros1.why import alternatives, events
 from applr_ros1.why.alternatives import Alternative
+from applr_ros1.why.costmap_sources import sources_in
 from applr_ros1.why.diagnosis import Diagnosis, usual_row
 from applr_ros1.why.events import GAVE_UP, SAVED, Event
 from applr_ros1.why.outside import OTHER_PLANNER
@@ -28,6 +30,12 @@ LISTED = 4  # number of further events, and of rows of what was tried
 SCANS = 60  # number of scans in a page's map
 CELL_M = 0.05  # distance of its points [m]
 TRACK_S = 0.1  # interval between the positions of a driven path [s]
+# What a reason rests on (Stop.msg)
+SEEN = "seen"
+REPLAYED = "replayed"
+GUESSED = "guessed"
+# Keys in COLUMNS of topics without which an answer knows less
+INFORMATIVE = ("goals", "odometry", "transforms", "scans", "plans", "routes", "changes")
 NO_CHANGE = Change("", "", 0.0, 0.0)
 # Attributes of an answer that are JSON values of it as they are
 AS_THEY_ARE = (
@@ -35,6 +43,9 @@ AS_THEY_ARE = (
     "happened",
     "advice",
     "sure",
+    "confidence",
+    "seen",
+    "unseen",
     "notes",
     "remedies",
     "tried",
@@ -86,6 +97,8 @@ class Answer:
         is_doubtful: Whether the planner's reasons in the replay are not to be trusted.
         certainty: How far the replay, and drives in simulation, agree with the recorded drive.
         note: What limits the answer, as what could not be seen; "" if nothing does.
+        seen: Topics on which the drive was seen, as a sentence; "" for a simulated drive.
+        unseen: What could not be seen, and what to record next time.
 
         advice: What to change, and what that did when it was driven.
         guess: The replay's best guess: the change that names it, and what changes with it.
@@ -128,6 +141,8 @@ class Answer:
     is_doubtful: bool = False
     certainty: str = ""
     note: str = ""
+    seen: str = ""
+    unseen: Sequence[str] = ()
 
     advice: Sequence[str] = ()
     guess: Tuple[Change, ...] = ()
@@ -162,9 +177,18 @@ class Answer:
         return f"{self.certainty or self.note}."
 
     @property
+    def confidence(self) -> str:
+        """What the reason rests on: on what was SEEN, REPLAYED, or GUESSED by a poor replay."""
+        is_seen = self.told_row < 0 or self.told.is_outside or not self.told.reason
+        if is_seen or not self.is_replayed:
+            return SEEN
+        return GUESSED if self.told.is_guessed else REPLAYED
+
+    @property
     def lines(self) -> List[str]:
         """The answer for a terminal: what happened, what to change, how sure, then the rest."""
-        lines = [self.first_line, *self.advice, self.sure, *self.weighed]
+        lines = [self.first_line, *self.advice, self.sure]
+        lines += [*filter(None, [self.seen]), *self.unseen, *self.weighed]
         other_events = [event for row, event in enumerate(self.events) if row != self.told_row]
         other_events.sort(key=lambda event: -event.seconds)
         lines += under("Other events", map(sentence, other_events[:LISTED]))
@@ -190,7 +214,8 @@ class Answer:
         words += f" at ({x:.2f}, {y:.2f}){_because(event)}"
         if self.guess:
             change = self.guess[0]
-            words += f"; try {change.path} {float(change.before):g} -> {float(change.after):g}"
+            values = f"{float(change.before):g} -> {float(change.after):g}"
+            words += f"; the replay's guess: {change.path} {values}"
         # Of a planner it is said once, when the black box begins.
         if self.note and self.note != OTHER_PLANNER:
             words += f" ({self.note})"
@@ -224,6 +249,7 @@ class Answer:
             "reason": event.reason,
             "sentence": self.sentence,
             "reproduced": self.share,
+            "confidence": self.confidence,
             "note": self.note,
             "parameter": change.path,
             "before": float(change.before),
@@ -278,10 +304,28 @@ def answer_of(diagnosis: Diagnosis, guesses: Sequence[Alternative] = ()) -> Answ
         track=thinned(track),
         top_speed=diagnosis.top_speed,
         note=diagnosis.note,
+        seen=f"Seen on {', '.join(drive.topics)}." if drive.topics else "",
+        unseen=_unseen(diagnosis),
     )
     if diagnosis.replayed is None:
         return answer
     return _with_replay(answer, diagnosis, guesses)
+
+
+def _unseen(diagnosis: Diagnosis) -> List[str]:
+    """Return what could not be seen, and what to record next time."""
+    drive = diagnosis.drive
+    sentences = []
+    names = TopicNames.of(diagnosis.robot)
+    recorded_keys = drive.topics.values()
+    missing = [topic_of(key, names) for key in INFORMATIVE if key not in recorded_keys]
+    if drive.topics and missing:
+        sentences.append(f"Not recorded: {', '.join(missing)}: record them next time.")
+    if diagnosis.replayed is not None:
+        others = sources_in(diagnosis.robot).others
+        if others:
+            sentences.append(f"The local costmap also sees {', '.join(others)}: not replayed.")
+    return sentences
 
 
 def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Answer:
@@ -293,9 +337,7 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
     clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
     cells = np.unique(np.rint(np.concatenate(clouds) / CELL_M), axis=0)
 
-    certainty = str(replay)
-    if replay.doubt:
-        certainty += f"; {replay.doubt}"
+    doubt = diagnosis.doubt
     goal = diagnosis.goal
     guess = best_guess(diagnosis, guesses)
     footprint = replay.planner.footprint(replay.settings)
@@ -309,10 +351,10 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
         weighed=_weighed(diagnosis),
         commands=len(replay.cycles),
         reproduced=replay.reproduced,
-        is_doubtful=replay.is_poor,
-        certainty=certainty,
+        is_doubtful=bool(doubt),
+        certainty=diagnosis.certainty,
         # The planner says nothing of a stop whose reason lies outside of it.
-        note="" if told is not None and told.is_outside else replay.doubt,
+        note="" if told is not None and told.is_outside else doubt,
         advice=_advice(diagnosis, guess),
         guess=guess.changes if guess is not None else (),
         alternatives=list(map(str, guesses)),
@@ -362,7 +404,7 @@ def best_guess(diagnosis: Diagnosis, guesses: Sequence[Alternative]) -> Optional
 
     None if it gains too little of the top speed, or if the replay is not to be trusted.
     """
-    if not guesses or diagnosis.replay.is_poor:
+    if not guesses or diagnosis.doubt:
         return None
     if guesses[0].gain < GUESS_SHARE * diagnosis.top_speed:
         return None
@@ -392,7 +434,8 @@ def thinned(track: np.ndarray, interval: float = TRACK_S) -> List[List[float]]:
 # -- in words --------------------------------------------------------------------------------------
 def _because(event: Event) -> str:
     """Return the reason of an event as the end of a sentence; "" if it is not known."""
-    return f", because {event.reason}" if event.reason else ""
+    because = "perhaps because" if event.is_guessed else "because"
+    return f", {because} {event.reason}" if event.reason else ""
 
 
 def sentence(event: Event) -> str:

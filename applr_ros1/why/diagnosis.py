@@ -34,6 +34,7 @@ from applr_ros1.why.replay import Replay, some
 from applr_ros1.why.stretch import Stretch, first_of
 from applr_ros1.why.touch import FirstContact, touch_of
 
+POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 EXPLAINED = 5  # number of explained cycles of an event
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
@@ -123,6 +124,30 @@ class Diagnosis:
         return self.replay.recording.goal_at(time)
 
     @property
+    def certainty(self) -> str:
+        """How far the replay agrees with the drive, and with the event that is told."""
+        words = str(self.replay)
+        if self.told is not None:
+            words += f"; {reproduced_share(self.replay, self.told):.0%} in this event"
+        return f"{words}; {self.doubt}" if self.doubt else words
+
+    @property
+    def doubt(self) -> str:
+        """Why the planner's reasons in this replay are not to be trusted; "" if they are.
+
+        What is reproduced elsewhere proves nothing of the event that is told. Stops of move_base
+        itself say nothing about the replay of the local planner.
+        """
+        share = reproduced_share(self.replay, self.told)
+        if share >= POOR:
+            return ""
+        return (
+            f"only {share:.0%} of the planner's commands are reproduced, so its reasons are not to "
+            "be trusted: its parameters differ, topics or scans are missing, or the computer was "
+            "busy"
+        )
+
+    @property
     def wants_remedy(self) -> bool:
         """True if events took much of the drive, and it was not nearly as fast as possible."""
         odometry = self.motion
@@ -142,6 +167,14 @@ class Diagnosis:
         return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
+def reproduced_share(replay: Replay, event: Optional[Event]) -> float:
+    """Return the share of the cycles of an event, if it has some, that a replay reproduces."""
+    cycles = replay.cycles
+    if event is not None:
+        cycles = replay.between(event.begin, event.end) or cycles
+    return sum(cycle.reproduced for cycle in cycles) / len(cycles)
+
+
 def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
     """Set the reason of an event that is seen from outside the planner, if there is one.
 
@@ -154,7 +187,7 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
     """
     if event.is_outside:
         return  # The description of its bag says why.
-    period = control_period(drive, robot)
+    period = control_period(drive, robot, event.end)
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
     if event.reason == NO_PATH and is_goal_occupied(stretch, robot):
@@ -198,6 +231,8 @@ def diagnose(
         for event in found_events:
             event.reason = f"{PART_SEEN}, {beside(*diagnosis.part, digits=1)} of its centre"
             event.is_outside = True
+    for event in found_events:
+        event.is_guessed = not event.is_outside and reproduced_share(replay, event) < POOR
     return diagnosis
 
 
@@ -282,4 +317,7 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
     for cycle in cycles:
         if cycle.command[0] <= median_speed:
             slow_cycles.append(cycle)
-    return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
+    explained = [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
+    # In a cycle without a choice, the planner shows nothing of what it prefers.
+    with_choice = [entry for entry in explained if entry.words or not entry.is_blocked]
+    return with_choice or explained

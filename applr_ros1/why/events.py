@@ -15,7 +15,8 @@ from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.senses.standing import SILENT_S, STOOD
+from applr_ros1.senses.standing import STOOD
+from applr_ros1.why.reasons import longest_usual_gap
 from applr_ros1.why.recording import plan_ends
 from applr_ros1.why.stretch import SLOW
 
@@ -31,7 +32,9 @@ SWINGS_HZ = 1.0
 # A robot goes to and fro if it gains at most this share of its way within this time [s].
 FRO_S = 8.0
 FRO_SHARE = 0.3
-GAP_S = 0.5  # longest gap between two parts of one event [s]
+# Longest gap between two parts of one event [s], and in usual intervals of the odometry
+GAP_S = 0.5
+GAP_PERIODS = 1.5
 # Events belong to one trap within this distance [m, for the Jackal] and with this gap at most [s].
 TRAP_M = 0.5
 TRAP_S = 10.0
@@ -41,6 +44,7 @@ AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
 WAS_SLOW = "was slow"
+NO_GOAL_S = 3.0  # pause of the commands from which on a robot without a status has no goal [s]
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 # Kinds of stops of a black box: that somebody asked to save, and the end of a goal
 SAVED = "was asked to save"
@@ -79,6 +83,7 @@ class Event:
         place: Mean position (x, y) [m] in the odometry frame.
         reason: Why, in words; "" if it is not known yet.
         is_outside: Whether the reason lies outside the local planner, which could do nothing.
+        is_guessed: Whether the reason is that of a replay that explains little of the event.
         is_asked: Whether it is the time around a moment that somebody asks about.
         is_arrived: Whether the robot was within both tolerances of its goal for half of it.
         lost: Time that it cost: its duration without that of its way at top speed [s].
@@ -91,6 +96,7 @@ class Event:
     place: Tuple[float, float]
     reason: str = ""
     is_outside: bool = False
+    is_guessed: bool = False
     is_asked: bool = False
     is_arrived: bool = False
     lost: float = 0.0
@@ -309,9 +315,10 @@ def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
         # Without move_base's status: the planner commands only while it has a goal.
         moving_rows = np.flatnonzero(planned.twist.any(axis=1))
         if len(moving_rows):
-            begin_time = float(planned.time[moving_rows[0]])
-            end_time = float(planned.time[-1])
-            time_spans = [(begin_time, end_time)]
+            times = planned.time[moving_rows[0] :]
+            pauses = np.flatnonzero(np.diff(times) > NO_GOAL_S) + 1
+            for span_times in np.split(times, pauses):
+                time_spans.append((float(span_times[0]), float(span_times[-1])))
     is_pursued = np.zeros(len(odometry), bool)
     for begin_time, end_time in time_spans:
         is_pursued |= (odometry.time >= begin_time) & (odometry.time <= end_time)
@@ -337,13 +344,13 @@ def offsets_from_goal(drive: Drive, odometry: Motion) -> np.ndarray:
 
 
 def _unheard(odometry: Motion, is_pursued: np.ndarray, drive_end: float) -> List[Event]:
-    """Return the gaps of the odometry above SILENT_S [s] that begin while the robot has a goal.
+    """Return the silences of the odometry that begin while the robot has a goal.
 
     The last gap may last from the last odometry message to the end of the drive [s].
     """
     silences = []
     times = np.append(odometry.time, drive_end)
-    for row in np.flatnonzero(np.diff(times) > SILENT_S):
+    for row in np.flatnonzero(np.diff(times) > longest_usual_gap(times)):
         # Before its first goal and after its last one, nobody waits for the robot.
         if is_pursued[row]:
             x, y, _ = odometry.pose[row].tolist()
@@ -354,11 +361,13 @@ def _unheard(odometry: Motion, is_pursued: np.ndarray, drive_end: float) -> List
 
 
 def _runs(times: np.ndarray, happens: np.ndarray) -> List[slice]:
-    """Return the parts of the rows in which something happens without a gap of more than GAP_S."""
+    """Return the parts of the rows in which something happens without a long gap."""
     rows = np.flatnonzero(happens)
     if not len(rows):
         return []
-    is_gap = np.diff(times[rows]) > GAP_S
+    # Odometry may come once a second.
+    longest_gap = max(GAP_S, GAP_PERIODS * float(np.median(np.diff(times))))
+    is_gap = np.diff(times[rows]) > longest_gap
     breaks = np.flatnonzero(is_gap) + 1
     runs = []
     for rows_of_run in np.split(rows, breaks):

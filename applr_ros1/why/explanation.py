@@ -106,7 +106,7 @@ def _in_words(moment: CycleMoment, row: int) -> str:
 def _nothing_faster(moment: CycleMoment) -> str:
     """Return that even the fastest sample is slow, or ""."""
     values = moment.values
-    fastest_speed = float(moment.samples.velocities[:, 0].max())
+    fastest_speed = moment.fastest_speed
     if fastest_speed >= SLOW * values["max_vel_x"]:
         return ""
     limits = f"vx_samples {values['vx_samples']:g}, acc_lim_x {values['acc_lim_x']:g}"
@@ -170,8 +170,13 @@ def _explain_illegal(
     illegal_count = len(moment.illegal_rows)
     faster_count = int(moment.drives_on.sum())
     if illegal_count == faster_count and not moment.drives_on[moment.winner]:
-        explanation.words = f"every faster command {objection}"
         explanation.is_blocked = True
+        slowest_speed = moment.values.get("min_vel_trans", 0.0)
+        if obstacle is not None or moment.fastest_speed >= slowest_speed:
+            explanation.words = f"every faster command {objection}"
+        # A robot that backs out brakes first, whatever its values: that is no reason.
+        elif moment.fastest_speed - moment.asked.twist[0] < slowest_speed:
+            explanation.words = _nothing_faster(moment)
     explanation.lines.append(
         f"{illegal_count} of {faster_count} faster samples are illegal; "
         f"{_in_words(moment, straightest_row)} {objection}."

@@ -9,12 +9,13 @@ refused; what differs from the robot's files is said in a note.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import List, NamedTuple, Optional, Sequence, Set
+from typing import List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import clocks_differ, one_clock, placed_late
 from applr_ros1.drives.drive import (
     Commands,
@@ -25,13 +26,14 @@ from applr_ros1.drives.drive import (
     Plans,
     Scans,
     nearest_rows,
+    with_full_speed,
 )
 from applr_ros1.drives.frames import FramePlacements
 from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
 from applr_ros1.monitor.recorded_twists import checked_twists
 from applr_ros1.planner.plan_cut import cut_plan, transformed
 from applr_ros1.robots import Robot
-from applr_ros1.why.recording import Recording
+from applr_ros1.why.recording import Recording, plan_ends
 from applr_ros1.why.rerun import RerunPlanner
 
 # Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
@@ -41,6 +43,7 @@ LASER_OFF_M = 0.01
 LASER_OFF_RAD = 0.01
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
+OFF_ROUTE_M = 0.3  # distance from which on a followed plan ends beside a global one [m]
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
 
 
@@ -80,7 +83,7 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
         ApplrError: Frames differ, and tf does not connect them.
     """
     # What is there, and where: each column is asked for once, and tf.
-    drive = _without_prefix(drive)
+    drive = _without_prefix(drive, robot)
     _check_frames(drive)
     odometry_frame = drive.frame
     # The plans that were followed are in the frame of the local costmap.
@@ -98,6 +101,8 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
     driven = with_velocities(moved.motion)
     notes = [*drive.notes, *laser.notes, *moved.notes, *late_notes, *driven.notes]
     routes = _routes_in_frame(drive, places.routes)
+    if drive.plans and routes:
+        routes = followed_routes(routes, drive.plans)
     plans = plans_of(drive, planned, driven.motion, places.routes, planner)
     drive = replace(
         drive, odometry=driven.motion, scans=laser.scans, plans=plans, routes=routes, notes=notes
@@ -109,15 +114,16 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
 
 
 # -- frames ----------------------------------------------------------------------------------------
-def _without_prefix(drive: Drive) -> Drive:
-    """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix)."""
+def _without_prefix(drive: Drive, robot: Robot) -> Drive:
+    """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix) or robot1_."""
+    laser_frame = drive.frames["scans"][0]
+    prefix = "".join(laser_frame.rpartition("/")[:2])
+    if not prefix and laser_frame.endswith(f"_{robot.laser.frame}"):
+        prefix = laser_frame[: -len(robot.laser.frame)]
     # Plans may be in a map frame that several robots share, which has no prefix.
-    prefixes: Set[str] = set()
-    for frame_name in (*drive.frames["odometry"], *drive.frames["scans"]):
-        prefixes.add(frame_name.rpartition("/")[0])
-    if len(prefixes) != 1 or "" in prefixes:
+    robot_frames = (*drive.frames["odometry"], *drive.frames["scans"])
+    if not all(frame_name.startswith(prefix) for frame_name in robot_frames):
         return drive
-    prefix = f"{prefixes.pop()}/"
 
     def without(frame_name: str) -> str:
         return frame_name[len(prefix) :] if frame_name.startswith(prefix) else frame_name
@@ -249,18 +255,20 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
     # Two of one rate may differ by some messages at the ends.
     if len(stamps) > 1.2 * len(motion):
         nearest_messages = nearest_rows(motion.stamp, stamps)
-        return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest_messages])
+        twists = motion.twist[nearest_messages]
+        sideways = motion.sideways[nearest_messages]
+        return Motion(np.maximum.accumulate(times), stamps, poses, twists, sideways)
     nearest_messages = nearest_rows(stamps, motion.stamp)
     return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
 
 
 # -- velocities ------------------------------------------------------------------------------------
 def with_velocities(motion: Motion) -> Noted:
-    """Return a motion with the velocities of its poses, if its own are left at 0."""
+    """Return a motion with its full speed, by its poses if its own velocities are left at 0."""
     checked = checked_twists(motion.stamp, motion.pose, motion.twist)
-    if not checked.problem:
-        return Noted(motion, [])
-    return Noted(replace(motion, twist=checked.twist), [checked.problem])
+    if checked.problem:
+        return Noted(replace(motion, twist=checked.twist), [checked.problem])
+    return Noted(with_full_speed(motion), [])
 
 
 # -- plans -----------------------------------------------------------------------------------------
@@ -364,6 +372,26 @@ def _routes_in_frame(drive: Drive, route_frame: Optional[RouteFrame]) -> Optiona
     for route, origin in zip(routes.path, route_frame.at_routes):
         paths.append(_seen_from(origin, route))
     return Plans(routes.time, paths)
+
+
+def followed_routes(routes: Plans, plans: Plans) -> Plans:
+    """Return the plans of the global planner without those that were not followed.
+
+    It publishes what somebody else asks it for (make_plan), too: that leads elsewhere. The next
+    plan that is followed lies on move_base's own.
+    """
+    followed_times, followed_ends = plan_ends(plans)
+    own_times = []
+    own_paths = []
+    for time, route in zip(routes.time.tolist(), routes.path):
+        followed_row = int(np.searchsorted(followed_times, time))
+        if len(route) and followed_row < len(followed_times):
+            end = np.array(followed_ends[followed_row][:2])
+            if float(distances(route[:, :2], end).min()) > OFF_ROUTE_M:
+                continue
+        own_times.append(time)
+        own_paths.append(route)
+    return Plans(np.array(own_times), own_paths)
 
 
 def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 
 from applr_ros1.drives.drive import Drive, Motion
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, namespace
 from applr_ros1.planner.parameters.move_base_parameters import MOVE_BASE
 from applr_ros1.planner.parameters.parameter import by_name
 from applr_ros1.policy.parameter_space import unchecked_space
@@ -62,12 +63,15 @@ def limits_of(
 def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:
     """Return the changes (time [s], server, {name: value}) of a drive in order of time.
 
-    Of servers without recorded updates, the values come from the decisions.
+    Of servers without recorded updates, the values come from the decisions. Values of an older node
+    have their latest names.
     """
     changes: List[Tuple[float, str, Dict[str, Any]]] = []
     recorded_servers: Set[str] = set()
     if drive.changes is not None:
-        changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
+        rows = zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
+        for time, server, values in rows:
+            changes.append((time, server, latest_names(server, values)))
         recorded_servers.update(drive.changes.server)
     for decision in drive.decisions:
         for server, values in unchecked_space(robot).settings_of(decision.after).items():
@@ -75,6 +79,16 @@ def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, A
                 changes.append((decision.time, server, dict(values)))
     changes.sort(key=lambda change: change[0])
     return changes
+
+
+def latest_names(server: str, values: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return the values of a server {name: value} under the latest names of its parameters."""
+    latest = dict(values)
+    for parameter in SERVERS.get(server, ()):
+        for older_name in parameter.older:
+            if older_name in latest:
+                latest.setdefault(parameter.name, latest.pop(older_name))
+    return latest
 
 
 def planner_of(drive: Drive, robot: Robot) -> str:
@@ -90,15 +104,19 @@ def planner_of(drive: Drive, robot: Robot) -> str:
     return drive.planners[0]
 
 
-def control_period(drive: Drive, robot: Robot) -> float:
-    """Return the control period of a drive [s], by the parameters of the robot's move_base.
+def control_period(drive: Drive, robot: Robot, time: float = math.inf) -> float:
+    """Return the control period of a drive until a time [s], by what move_base's server said last.
 
-    It is 0, for unknown, if another local planner drove than the robot's: these parameters are then
-    another robot's.
+    Without an update, the parameters of the robot's files count. It is 0, for unknown, if another
+    local planner drove than the robot's: these parameters are then another robot's.
     """
-    if planner_of(drive, robot) != robot.local_planner:
-        return 0.0
-    return 1.0 / float(robot.parameters().get("controller_frequency") or USUAL_RATE)
+    rate = 0.0
+    if planner_of(drive, robot) == robot.local_planner:
+        rate = float(robot.parameters().get("controller_frequency") or USUAL_RATE)
+    for change_time, server, values in changes_of(drive, robot):
+        if server == "" and change_time <= time:
+            rate = values.get("controller_frequency", rate)
+    return 1.0 / rate if rate else 0.0
 
 
 def start_values(robot: Robot) -> Mapping[str, Any]:

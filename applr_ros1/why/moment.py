@@ -215,6 +215,11 @@ class CycleMoment:
         return None
 
     @property
+    def fastest_speed(self) -> float:
+        """Speed of the fastest sample [m/s]."""
+        return float(self.samples.velocities[:, 0].max())
+
+    @property
     def leads_back(self) -> bool:
         """True if the plan begins by more than a right angle off the robot's heading."""
         x, y, yaw = self.asked.pose

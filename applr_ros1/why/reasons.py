@@ -7,13 +7,14 @@ nothing is commanded, and a command that the collision monitor blocks moves noth
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from typing import DefaultDict, List, NamedTuple, Optional
 
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
-from applr_ros1.drives.drive import Commands, Rows, Verdicts
+from applr_ros1.drives.drive import Commands, Rows, Scans, Verdicts
 from applr_ros1.monitor.monitor import REVERSING
 from applr_ros1.senses.standing import SILENT_S, STOOD
 from applr_ros1.why.stretch import (
@@ -34,9 +35,13 @@ FORWARD_SHARE = 0.2
 # Least share of the commanded motion that is a reason if it is blocked. The changes of direction of
 # a planner that hesitates are delayed for less.
 BLOCKED_SHARE = 0.3
-# A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
+# A robot is held if its odometry moves by this much [m] and the scans stay the same.
 HELD_M = 0.5
-SAME_SCAN_M = 0.03
+# A motion shows in a scan if it changes this share of the ranges, each by this share of 1 m and of
+# itself: noise grows with the range.
+CHANGED_SHARE = 0.1
+SAME_SHARE = 0.03
+DIRECTIONS = 120  # number of directions in which a place may look alike
 # The pose jumps if it moves or turns by this much beyond the measured speed [m, rad].
 JUMP_M = 0.3
 JUMP_TURN = 0.5
@@ -57,9 +62,13 @@ def silent(stretch: Stretch) -> str:
 
 def silent_planner(stretch: Stretch) -> str:
     """Return that move_base sent no command, or ""."""
-    silent_s = _longest_gap(stretch.drive.planned, stretch)
+    planned = stretch.drive.planned
+    silent_s = _longest_gap(planned, stretch)
     if not stretch.is_reason(silent_s):
         return ""
+    # Of the base's topic alone, a mux may be silent as well.
+    if planned is stretch.drive.commands:
+        return f"no command came for {silent_s:.1f} s, from move_base or from what is behind it"
     return f"move_base sent no command for {silent_s:.1f} s"
 
 
@@ -70,11 +79,15 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     # A source that ends is silent until the end of the drive.
     times = np.append(rows.time, max(rows.time[-1], stretch.drive.end))
     gaps = np.diff(times)
-    usual_gap = float(np.median(gaps))
-    is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual_gap)
+    is_long = gaps > longest_usual_gap(times)
     # Between two goals, the planner is silent for as long as nobody wants anything.
     overlaps = np.minimum(times[1:], stretch.end) - np.maximum(times[:-1], stretch.begin)
     return float(overlaps[is_long].max(initial=0.0))
+
+
+def longest_usual_gap(times: np.ndarray) -> float:
+    """Return the gap [s] from which on a source that sends at times (n,) [s] is silent."""
+    return max(SILENT_S, SILENT_PERIODS * float(np.median(np.diff(times))))
 
 
 def jumping(stretch: Stretch) -> str:
@@ -101,20 +114,47 @@ def jumping(stretch: Stretch) -> str:
 
 # -- planner ---------------------------------------------------------------------------------------
 def no_plan(stretch: Stretch) -> str:
-    """Return that the global planner found no path, or ""."""
-    routes = stretch.drive.routes
+    """Return that the global planner found no path, or "".
+
+    An empty plan may answer somebody else (make_plan), and a plan may be older than the bag. What
+    the local planner does in the meantime proves that it has a path.
+    """
+    drive = stretch.drive
+    routes = drive.routes
     if routes is None:
         return ""
-    # Until the first plan comes, and from each empty plan to the next plan, there is none.
-    span_starts = np.append(-np.inf, routes.time)
-    span_ends = np.append(routes.time, np.inf)
-    pose_counts = [0, *map(len, routes.path)]
-    is_missing = np.equal(pose_counts, 0)
-    overlaps = np.minimum(span_ends, stretch.end) - np.maximum(span_starts, stretch.begin)
-    time_without_plan = float(np.maximum(overlaps, 0.0)[is_missing].sum())
+    # From each empty plan to the next plan there is none. Before the first one, that is known only
+    # of a goal that was seen to begin.
+    first_begin = routes.time[0] if len(routes) else -np.inf
+    for goal in drive.goals:
+        if BEFORE_S < goal.begin <= stretch.end:
+            first_begin = min(first_begin, goal.begin)
+    begins = [first_begin, *routes.time]
+    ends = [*routes.time, np.inf]
+    time_without_plan = 0.0
+    for begin, end, pose_count in zip(begins, ends, [0, *map(len, routes.path)]):
+        span = replace(stretch, begin=max(begin, stretch.begin), end=min(end, stretch.end))
+        if not pose_count and span.seconds > 0.0:
+            time_without_plan += span.seconds - _planning_seconds(span)
     if not stretch.is_reason(time_without_plan):
         return ""
     return NO_PATH
+
+
+def _planning_seconds(stretch: Stretch) -> float:
+    """Return the time [s] of a stretch in which the local planner ran, as its messages show.
+
+    It publishes what it follows in each cycle, empty if it finds no command. Without such messages,
+    commands to move show it.
+    """
+    drive = stretch.drive
+    cycles: Optional[Rows] = drive.plans
+    if cycles is None and drive.planned is not None:
+        cycles = drive.planned.part(np.flatnonzero(drive.planned.twist.any(axis=1)))
+    cycles = stretch.part(cycles)
+    if cycles is None:
+        return 0.0
+    return float(np.minimum(durations(cycles, stretch.end), SILENT_S).sum())
 
 
 def recovering(stretch: Stretch) -> str:
@@ -211,9 +251,14 @@ def _blocked_of_commands(stretch: Stretch, planned: Commands, commands: Commands
 
     # The next command to the base answers the planner's, unless it comes late. While the base still
     # brakes before a change of direction, it has another sign.
-    next_rows = np.searchsorted(commands.time, planned.time).clip(max=len(commands) - 1)
-    times = np.minimum(commands.time[next_rows], planned.time + PASS_ON_S)
-    passed_commands = commands.twist[latest_rows(commands, times)]
+    next_rows = np.searchsorted(commands.time, planned.time)
+    next_times = np.append(commands.time, np.inf)[next_rows]
+    times = np.minimum(next_times, planned.time + PASS_ON_S)
+    passed_rows = latest_rows(commands, times)
+    passed_commands = commands.twist[passed_rows].copy()
+    # What a silent mux sent last is over.
+    command_ages = times - commands.time[passed_rows]
+    passed_commands[command_ages > longest_usual_gap(commands.time)] = 0.0
     passed_shares = np.zeros_like(planned.twist)
     np.divide(passed_commands, planned.twist, out=passed_shares, where=asks)
     blocked_shares = 1.0 - passed_shares.clip(0.0, 1.0).max(axis=1)
@@ -258,23 +303,53 @@ def stuck(stretch: Stretch) -> str:
     # Not the length of its way: a robot that goes to and fro sees the same all the time.
     positions = motion.pose[:, :2]
     moved_distance = float(distances(positions, positions[0]).max())
-    if moved_distance < HELD_M:
+    if moved_distance < HELD_M or _looks_alike(scans):
         return ""
     first_ranges = scans.distances(0)
-    range_changes: List[float] = []
+    shares: List[float] = []
     for scan_row in range(1, len(scans)):
         ranges = scans.distances(scan_row)
         # Some lasers vary the number of their beams.
-        if len(ranges) != len(first_ranges):
-            continue
-        is_return = np.isfinite(ranges) & np.isfinite(first_ranges)
-        if is_return.any():
-            differences = np.abs(ranges[is_return] - first_ranges[is_return])
-            range_changes.append(float(np.median(differences)))
-    if not range_changes or np.median(range_changes) >= SAME_SCAN_M:
+        if len(ranges) == len(first_ranges):
+            shares.append(_changed_share(first_ranges, ranges))
+    if not shares or np.median(shares) >= CHANGED_SHARE:
         return ""
     unseen = f"the scans stay the same while the odometry moves {moved_distance:.1f} m"
     return f"{unseen}: the robot is held, or its wheels slip"
+
+
+def _looks_alike(scans: Scans) -> bool:
+    """Return whether a first scan would stay the same if the robot moved by HELD_M.
+
+    It would in some direction along a corridor, or if there is hardly anything in reach. The
+    heading of the laser on the robot need not be known for that.
+    """
+    first_angle, increment, _, _ = scans.fan[0]
+    ranges = scans.distances(0)
+    angles = first_angle + increment * np.arange(len(ranges))
+    is_return = np.isfinite(ranges)
+    if not is_return.any():
+        return True
+    ranges = ranges[is_return]
+    angles = angles[is_return]
+    for direction in np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False):
+        moved_x = ranges * np.cos(angles) - HELD_M * np.cos(direction)
+        moved_y = ranges * np.sin(angles) - HELD_M * np.sin(direction)
+        # A wall is smooth in the inverse range, also where beams meet it at a small angle.
+        bearings = np.arctan2(moved_y, moved_x)
+        inverses = 1.0 / np.hypot(moved_x, moved_y)
+        moved_ranges = 1.0 / np.interp(angles, bearings, inverses, period=2.0 * np.pi)
+        if _changed_share(ranges, moved_ranges) < CHANGED_SHARE:
+            return True
+    return False
+
+
+def _changed_share(ranges: np.ndarray, others: np.ndarray) -> float:
+    """Return the share of the beams that return in both scans whose ranges (n,) [m] differ."""
+    is_return = np.isfinite(ranges) & np.isfinite(others)
+    differences = np.abs(ranges[is_return] - others[is_return])
+    is_changed = differences > SAME_SHARE * (1.0 + ranges[is_return])
+    return float(is_changed.mean()) if len(is_changed) else 0.0
 
 
 def _asks_for_motion(twist: np.ndarray) -> np.ndarray:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Mapping
+from typing import Mapping, Optional
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import TopicNames
-from applr_ros1.drives.drive import Drive
+from applr_ros1.drives.drive import Commands, Drive, with_full_speed
 from applr_ros1.drives.names import missing, missing_plans
 from applr_ros1.robots import Robot
 from applr_ros1.why.fitting import fitted, other_robot
@@ -30,20 +30,37 @@ CHANNELS = (
     "goals",
     "sent",
 )
+# Parameter of TebLocalPlannerROS with which angular.z of its commands is a steering angle
+COMMANDS_ANGLE = "cmd_angle_instead_rotvel"
 
 
-def with_planned(drive: Drive) -> Drive:
-    """Return a drive with the planner's commands: without a monitor, they reach the base."""
-    if drive.planned is not None:
-        return drive
-    return replace(drive, planned=drive.commands)
+def with_planned(drive: Drive, robot: Robot) -> Drive:
+    """Return a drive with the planner's commands: without a monitor, they reach the base.
+
+    Their v is the speed to all sides, and their w a turn rate.
+    """
+    commands = drive.commands and _as_motion(drive.commands, drive, robot)
+    planned = drive.planned and _as_motion(drive.planned, drive, robot)
+    return replace(drive, commands=commands, planned=planned or commands)
+
+
+def _as_motion(commands: Commands, drive: Drive, robot: Robot) -> Commands:
+    """Return commands as the motion that they ask for."""
+    start_values = robot.parameters().get(planner_of(drive, robot)) or {}
+    has_angles = bool(start_values.get(COMMANDS_ANGLE))
+    for values in drive.changes.values if drive.changes is not None else ():
+        has_angles = bool(values.get(COMMANDS_ANGLE, has_angles))
+    if has_angles:
+        # A steering angle turns nothing by itself.
+        commands = replace(commands, twist=commands.twist * (1.0, 0.0))
+    return with_full_speed(commands)
 
 
 def recording_from(
     drive: Drive,
     names: TopicNames,
     types: Mapping[str, str],
-    planner: RerunPlanner,
+    planner: Optional[RerunPlanner],
     robot: Robot,
     is_given: bool = False,
 ) -> Recording:
@@ -53,7 +70,8 @@ def recording_from(
         drive: The drive with its CHANNELS, and with_planned.
         names: Names of its topics.
         types: {topic: type} of all topics that were recorded.
-        planner: Planner of the robot, which cuts the global planner's plans.
+        planner: Planner of the robot, which cuts the global planner's plans; None if it is not
+            replayed.
         robot: Robot that drove.
         is_given: Whether a person gave the robot, who is then not asked to give it.
 
@@ -63,6 +81,7 @@ def recording_from(
     """
     _check_planner(drive, robot, is_given)
     _check_columns(drive, robot, names, types)
+    assert planner is not None, "another planner drove"
     return fitted(drive, planner, robot, is_given)
 
 

@@ -22,6 +22,7 @@ from typing import (
     NamedTuple,
     Optional,
     Sequence,
+    Set,
     Tuple,
 )
 
@@ -31,6 +32,7 @@ from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.drives.drive import Drive
+from applr_ros1.planner.parameters.parameter import RESTORE
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots import Robot
 from applr_ros1.why.events import DriveLimits
@@ -42,7 +44,6 @@ from applr_ros1.why.rerun import Ahead, RerunPlanner
 # Reasons why a command is no cycle of the local planner
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
 TOO_EARLY = "before the first scan or odometry"
-POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 CLEARED_S = 0.5  # longest time in which move_base clears its costmaps after a call [s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
@@ -160,21 +161,6 @@ class Replay:
         """
         return self.reproduced / len(self.cycles)
 
-    @property
-    def is_poor(self) -> bool:
-        """True if the planner's reasons in this replay are not to be trusted."""
-        return self.share < POOR
-
-    @property
-    def doubt(self) -> str:
-        """Why the planner's reasons in this replay are not to be trusted; "" if they are."""
-        if not self.is_poor:
-            return ""
-        return (
-            f"only {self.share:.0%} of the planner's commands are reproduced, so its "
-            "reasons are not to be trusted: its parameters differ, or topics or scans are missing"
-        )
-
     def __str__(self) -> str:
         summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
@@ -187,8 +173,16 @@ class Replay:
             summary += f"; left out: {', '.join(left_out)}"
         if self.cut_short:
             summary += f"; {self.cut_short:,} of them were compared with the likely messages alone"
-        if not self.drive.changes:
+        known_names: Set[str] = {RESTORE.name, *self.planner.start_values}
+        updated_names: Set[str] = set()
+        for _, server, values in changes_of(self.drive, self.robot):
+            if server == self.planner.name:
+                updated_names.update(values)
+        if not updated_names:
             summary += "; no parameter_updates: the folder's values are assumed"
+        unused_names = sorted(updated_names - known_names)
+        if unused_names:
+            summary += f"; recorded, but not used: {', '.join(unused_names)}"
         return summary
 
     def between(self, begin: float, end: float) -> List[ReplayedCycle]:

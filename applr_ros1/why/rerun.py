@@ -11,7 +11,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
-from applr_ros1.common.scan import LaserScan, PointCloud, observe
+from applr_ros1.common.scan import LaserScan, ObservationBuffer, PointCloud, observe
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings
@@ -122,7 +122,12 @@ class RerunPlanner:
 
     def cloud(self, scan: LaserScan) -> PointCloud:
         """Return the points of a scan in its frame, as the local costmap takes them."""
-        return observe(scan, self._costmap.obstacles.buffers[0].source.inf_is_valid)
+        return observe(scan, self._buffer.source.inf_is_valid)
+
+    @property
+    def _buffer(self) -> ObservationBuffer:
+        """Observations of the first source of the local costmap."""
+        return self._costmap.obstacle_layers[0].buffers[0]
 
     @property
     def first_memory(self) -> Memory:
@@ -151,7 +156,8 @@ class RerunPlanner:
         """Return a map after an update at a pose with the points of a scan."""
         self._put_in_force(settings)
         self._show(map_before)
-        self._costmap.update_costs(pose, cloud)
+        self._buffer.add_cloud(cloud, cloud.stamp)
+        self._costmap.update_costs(pose)
         return self._remembered()
 
     def cleared(self, map_before: MapSnapshot, settings: Settings) -> MapSnapshot:

@@ -4,6 +4,7 @@ import builtins
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -49,6 +50,17 @@ def test_a_command_ends_in_one_line_and_a_status(capsys, outcome, status, line):
 
     assert run_main(command, "p") == status
     assert capsys.readouterr().err == line
+
+
+def test_output_that_nobody_reads_any_more_ends_in_silence(tmp_path, capsys, monkeypatch):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        assert run_main(lambda: print("a line"), "p") == 128 + signal.SIGPIPE
+        # What is left of it goes nowhere when Python ends.
+        print("another line", flush=True)
+    assert capsys.readouterr().err == ""
 
 
 def test_any_other_error_is_one_line_with_a_traceback_on_request(capsys, monkeypatch):
@@ -171,25 +183,20 @@ def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
     assert angles.normalize_angle(yaw - 2 * math.pi) == pytest.approx(yaw)
 
 
-def test_distances_outside_a_box_equal_those_of_its_raster():
-    dx, dy = np.random.default_rng(0).uniform(-3, 3, (2, 200))
-    yaw = 0.7
-    box_size = (2.0, 1.0)
-    shares = np.linspace(-0.5, 0.5, 101)
-    # A raster of the box; its points are up to 0.02 m apart.
-    raster_x, raster_y = np.meshgrid(shares * box_size[0], shares * box_size[1])
-    raster = np.stack([raster_x, raster_y], -1).reshape(-1, 2)
-    rotation = [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
-    turned_raster = raster @ np.array(rotation)
-
-    # Distances (200, 10201) of the points from those of the raster; those inside have 0.
-    offsets_x = dx[:, None] - turned_raster[:, 0]
-    offsets_y = dy[:, None] - turned_raster[:, 1]
-    raster_distances = np.hypot(offsets_x, offsets_y).min(axis=1)
-    distances = np.hypot(*angles.outside_box(dx, dy, yaw, *box_size))
-    # Half the diagonal of the raster's cells of 0.02 x 0.01 m is 0.011 m.
-    assert np.all(np.abs(distances - raster_distances) < 0.015)
-    assert np.any(distances == 0.0)
+@pytest.mark.parametrize(
+    ("along", "across", "distance"),
+    [
+        (0.9, -0.4, 0.0),
+        (-1.5, 0.3, 0.5),
+        (0.2, 0.6, 0.1),
+        (1.3, -0.9, 0.5),  # from a corner
+    ],
+)
+def test_a_distance_from_a_box_is_that_of_its_nearest_point(along, across, distance):
+    # In the axes of a box of 2 x 1 m, which is turned by 0.7 rad
+    point = complex(along, across) * complex(math.cos(0.7), math.sin(0.7))
+    offsets = angles.outside_box(point.real, point.imag, 0.7, 2.0, 1.0)
+    assert math.hypot(*offsets) == pytest.approx(distance, abs=1e-12)
 
 
 def test_an_error_names_the_line_that_raised_it(tmp_path):

@@ -69,6 +69,7 @@ def test_a_wheel_has_the_packages_of_the_clone_with_their_data(installed):
     assert installed_names == {*PACKAGES, "bin"}
     for data_file in (
         "worlds/data/builtin.npz",
+        "worlds/data/physical_course.world",
         "training/train/recipes/jackal.yaml",
         "training/why/why.js",
         "applr_ros1/common/pages/page.css",

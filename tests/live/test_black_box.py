@@ -15,7 +15,6 @@ from move_base_msgs.msg import MoveBaseAction
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
-from applr_ros1.why.outside import OTHER_PLANNER
 from tests.support.nodes import POSTS, FakeJackal, goal, start, values_of
 from tests.support.robots import JACKAL_PARAMETERS
 from tests.support.ros import LONGEST, session, wait_for
@@ -143,29 +142,6 @@ def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path)
     assert answer.parameter == "TrajectoryPlannerROS/vx_samples"
     assert answer.reproduced > 0.8, answer
     client.cancel_goal()
-    assert box.node.end() == 0, box.node.text
-    jackal.close()
-    move_base.end()
-
-
-@pytest.mark.slow
-def test_beside_another_local_planner_what_is_seen_from_outside_is_said(tmp_path):
-    ros = session()
-    jackal = FakeJackal(POSTS)
-    move_base = ros.node("tests.support.teb_move_base")
-    box = Box(tmp_path / "box")
-    box.node.until("ready beside /move_base with TebLocalPlannerROS")
-    box.node.until(lambda: jackal.robot.pose[0] > 1.0)
-
-    # The base follows no command any more.
-    drive = jackal.robot.drive
-    jackal.robot.drive = lambda command, duration: drive(None, duration)
-    box.node.until(lambda: box.answers)
-    _, answer = box.answers[-1]
-    assert answer.kind == "stood"
-    assert answer.reason == "the base did not follow its commands of 0.40 m/s"
-    assert answer.note == OTHER_PLANNER
-    assert box.node.text.count(OTHER_PLANNER) == 1
     assert box.node.end() == 0, box.node.text
     jackal.close()
     move_base.end()

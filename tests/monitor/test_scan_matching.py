@@ -9,7 +9,7 @@ from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.rays import beam_at
-from applr_ros1.monitor.scan_matching import ScanMatcher, beam_near, lines, nearest_pose
+from applr_ros1.monitor.scan_matching import SUPPORT, ScanMatcher, beam_near, lines, nearest_pose
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 from tests.monitor.scenes import BRAKES_WELL
@@ -21,17 +21,17 @@ ORIGIN = (0.0, 0.0, 0.0)
 STEP_S = 0.05  # time between two scans [s]
 
 
-def scan(true, odometry, stamp, rng=None, discs=NO_DISCS, walls=NO_WALLS):
+def scan(true, odometry, stamp, rng=None, discs=NO_DISCS, walls=NO_WALLS, noise=0.003, share=0.0):
     """Return the scan of discs and walls (x, y, yaw, length, thickness) from the pose `true`.
 
-    Without a generator, it has no noise.
-
-    The scan's sensor_pose is `odometry`. The laser is in the robot's centre.
+    The scan's sensor_pose is `odometry`. The laser is in the robot's centre. The noise is `noise`
+    [m], and `share` of the range; without a generator there is none.
     """
     laser = JACKAL.laser
     ranges = Lidar(laser, discs, walls).scan(*true)
     if rng is not None:
-        ranges += rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
+        deviations = noise + share * np.where(np.isfinite(ranges), ranges, 0.0)
+        ranges += (deviations * rng.normal(0.0, 1.0, laser.beams)).astype(np.float32)
     return LaserScan(
         stamp=stamp,
         angle_min=laser.first_angle,
@@ -208,6 +208,98 @@ def test_along_a_bare_corridor_the_odometry_decides():
         assert abs(x - true_x) < 0.05
 
 
+@seeds(3)
+def test_an_error_at_normal_incidence_does_not_hold_the_pose_along_a_wall(seed):
+    """It moves along with the robot: the wall seems to bend towards it, where it is nearest."""
+    rng = np.random.default_rng(seed)
+    matcher = ScanMatcher()
+    bearings = JACKAL.laser.first_angle + JACKAL.laser.increment * np.arange(JACKAL.laser.beams)
+    error = 0.03 * np.exp(-(((bearings - 0.5 * math.pi) / 0.3) ** 2))
+    for step in range(40):
+        x = 0.08 * step
+        seen = scan(
+            (x, 0.0, 0.0), (x, 0.0, 0.0), 0.1 * step, rng, walls=[(0.0, 0.8, 0.0, 90.0, 0.01)]
+        )
+        seen.ranges[:] -= error.astype(np.float32)
+        matcher.add_scan(seen)
+        assert matcher.corrected((x, 0.0, 0.0))[0] == pytest.approx(x, abs=0.05)
+
+
+ROOM = np.array(
+    [
+        (4.0, 0.0, 0.5 * math.pi, 6.0, 0.1),
+        (-4.0, 0.0, 0.5 * math.pi, 6.0, 0.1),
+        (0.0, 3.0, 0.0, 8.0, 0.1),
+        (0.0, -3.0, 0.0, 8.0, 0.1),
+    ]
+)
+CORRIDOR = np.array([(0.0, -1.0, 0.0, 80.0, 0.01), (0.0, 1.0, 0.0, 80.0, 0.01)])
+
+
+@pytest.mark.parametrize("noise_at_2_m", [0.001, 0.01, 0.03])
+def test_a_noisy_laser_is_matched_and_no_direction_seems_to_be_measured(noise_at_2_m):
+    """On a circle in a room, and along a bare corridor, there with at most 2 cm at any range."""
+    rng = np.random.default_rng(0)
+    noise = {"noise": 0.0, "share": 0.5 * noise_at_2_m}
+    matcher = ScanMatcher()
+    matched = []
+    for step in range(60):
+        yaw = 0.08 * step
+        true = (1.6 * math.sin(yaw), -1.6 * math.cos(yaw), yaw)
+        matched.append(matcher.add_scan(scan(true, true, 0.1 * step, rng, walls=ROOM, **noise)))
+        distance, angle = error_of(matcher, true, true)
+        assert distance < 0.1
+        assert angle < 0.03
+    assert np.mean(matched[1:]) >= 0.95
+    assert matcher.support > 3.0 * SUPPORT
+
+    corridor_noise = min(noise_at_2_m, 0.02)
+    matcher = ScanMatcher()
+    for step in range(10):
+        pose = (0.1 * step, 0.0, 0.0)
+        matcher.add_scan(scan(pose, pose, 0.1 * step, rng, walls=CORRIDOR, noise=corridor_noise))
+        assert matcher.support < SUPPORT
+
+
+@pytest.mark.parametrize(
+    ("walls", "person", "expected"),
+    [
+        pytest.param(CORRIDOR, [], (0.0, 0.05, 0.04), id="corridor"),
+        pytest.param(ROOM, [(2.0, 0.0)], (0.06, 0.05, 0.04), id="room-with-a-walker"),
+    ],
+)
+def test_the_frame_of_planners_takes_what_is_measured(walls, person, expected):
+    """The base slips by 6 cm, 5 cm and .04 rad, in four steps while a person walks by.
+
+    Along a corridor the slip cannot be seen.
+    """
+    rng = np.random.default_rng(4)
+    monitor = CollisionMonitor()
+    for step in range(30):
+        slipped = min(max(step - 20, 0), 4) / 4.0
+        true = (0.06 * slipped, 0.05 * slipped, 0.04 * slipped)
+        discs = np.array([(x, -1.5 + 0.05 * step, 0.2) for x, _ in person]).reshape(-1, 3)
+        monitor.add_scan(scan(true, ORIGIN, STEP_S * step, rng, discs, walls))
+    x, y, yaw = monitor.matcher.correction
+    expected_x, expected_y, expected_yaw = expected
+    assert x == pytest.approx(expected_x, abs=0.015)
+    assert y == pytest.approx(expected_y, abs=0.015)
+    assert yaw == pytest.approx(expected_yaw, abs=0.01)
+
+
+def test_a_few_points_show_no_other_place():
+    """A laser whose other beams end on people sees 30 beams of a post, and then of another."""
+    matcher = ScanMatcher()
+    for step, y in enumerate((0.5, -0.5)):
+        seen = scan(ORIGIN, ORIGIN, STEP_S * step, None, [(1.5, y, 0.1)])
+        is_hit = np.flatnonzero(np.isfinite(seen.ranges) & (seen.ranges < 5.0))
+        seen.ranges[:] = np.where(np.isfinite(seen.ranges), seen.ranges, np.float32(9.0))
+        seen.ranges[is_hit[30:]] = np.nan
+        matcher.add_scan(seen, is_partial=True)
+    assert not matcher.lost
+    assert "points are near an earlier scan's surfaces" in matcher.report
+
+
 def test_a_passing_person_does_not_shift_the_pose():
     rng = np.random.default_rng(1)
     matcher = ScanMatcher()
@@ -249,8 +341,10 @@ def test_a_completely_changed_scene_does_not_change_the_pose():
     assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.0, rng, discs))
     assert matcher.add_scan(scan(ORIGIN, ORIGIN, 0.1, rng, discs))
     assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.2, rng, walls=walls))
+    assert matcher.report.startswith("off since the scan of 0.10 s: ")
     assert np.allclose(matcher.corrected(ORIGIN), ORIGIN, atol=0.002)
     assert matcher.add_scan(scan(ORIGIN, ORIGIN, 0.3, rng, walls=walls))
+    assert matcher.report == "on"
 
 
 def verdict_after_slide(slide):

@@ -25,6 +25,7 @@ from applr_ros1.why.black_box.black_box import BlackBox
 from applr_ros1.why.black_box.description import DescribedRobot
 from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.events import Event, RobotStop
+from applr_ros1.why.outside import OTHER_PLANNER
 from tests.support import HANGS, ROOT
 from tests.support.raw_messages import bag_of, description_of, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -80,7 +81,7 @@ def test_an_answer_is_a_message_and_a_text_in_rviz():
     assert message.reproduced == 0.97
     assert message.sentence == (
         "the robot stood for 6 s at (1.50, -2.00), because there was no scan for 6.0 s; "
-        "try DWAPlannerROS/sim_time 4 -> 2"
+        "the replay's guess: DWAPlannerROS/sim_time 4 -> 2"
     )
     marker = marker_of(message)
     assert marker.text == message.sentence
@@ -106,7 +107,11 @@ def master(offline_ros, monkeypatch):
     master = create_autospec(rosgraph.Master, instance=True)
     monkeypatch.setattr(rosgraph, "Master", lambda name: master)
     plan_topic = "/move_base/NavfnROS/plan"
-    master.getPublishedTopics.return_value = [[plan_topic, "nav_msgs/Path"]]
+    master.getPublishedTopics.return_value = [
+        [plan_topic, "nav_msgs/Path"],
+        ["/move_base/status", "actionlib_msgs/GoalStatusArray"],
+        ["/odometry/filtered", "nav_msgs/Odometry"],
+    ]
     master.getSystemState.return_value = [[[plan_topic, ["/move_base"]]], [], []]
     monkeypatch.setattr(node_module.time, "sleep", lambda _: None)
     return master
@@ -214,6 +219,29 @@ def test_a_laser_that_nobody_publishes_is_said_and_no_other_one_is_taken(
     assert (driven.topics.scan, driven.unpublished) == ("/laser/scan", ())
 
 
+@pytest.mark.parametrize(
+    ("topic", "problem"),
+    [
+        ("/move_base/status", "no goals on /move_base/status"),
+        ("/odometry/filtered", "no odometry on /odometry/filtered"),
+    ],
+)
+def test_without_a_topic_that_shows_stops_the_box_says_that_none_is_found(
+    topic, problem, node, master, offline_ros, monkeypatch
+):
+    published = master.getPublishedTopics.return_value
+    missing = [entry for entry in published if entry[0] == topic]
+    for entry in missing:
+        published.remove(entry)
+    text, _ = status_after_a_look(node, offline_ros, monkeypatch)
+    assert text.startswith(f"{problem}, so that stops are not found: give ~")
+    # The goals of move_base_flex are those of its actions.
+    flex_topic = topic.replace("/status", "/exe_path/status")
+    published.append([flex_topic, missing[0][1]])
+    text, _ = status_after_a_look(node, offline_ros, monkeypatch)
+    assert text == "keeps the last minutes"
+
+
 def test_without_a_move_base_the_screen_says_so_once(node, master, offline_ros, monkeypatch):
     master.getSystemState.return_value = [[], [], []]
     for _ in range(2):
@@ -242,6 +270,18 @@ def test_a_misspelt_argument_of_its_launch_file_ends_in_one_line(
         problem = "limit is -1.0: give"
     with pytest.raises(ApplrError, match=f"^{problem}"):
         node_module.main()
+
+
+def test_beside_another_planner_the_screen_says_once_what_is_not_known(
+    node, offline_ros, monkeypatch
+):
+    planner = "teb_local_planner/TebLocalPlannerROS"
+    offline_ros.parameters["/move_base"]["base_local_planner"] = planner
+    for _ in range(2):
+        status_after_a_look(node, offline_ros, monkeypatch)
+    lines = offline_ros.log["info"]
+    assert lines.count(f"black box: {OTHER_PLANNER}") == 1
+    assert "ready beside /move_base with TebLocalPlannerROS" in lines[0]
 
 
 def test_a_move_base_that_starts_again_is_described_by_its_new_parameters(

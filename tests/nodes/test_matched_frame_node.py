@@ -143,10 +143,10 @@ def test_an_error_of_the_monitor_does_not_move_its_frame(offline_ros, monkeypatc
         monkeypatch.setattr(monitor_node, name, create_autospec(getattr(monitor_node, name)))
     node = CollisionMonitorNode(MonitorSettings.of(JACKAL), JACKAL, "", [], escape=False)
     node.sensors.observations.side_effect = ValueError("a test")
-    node.monitor.matched_frame.correction = CORRECTION
+    node.monitor.matcher.correction = CORRECTION
 
     # When: a command arrives
     offline_ros.callbacks["cmd_vel_in"](conversions.twist(0.5, 0.0))
 
     assert len(offline_ros.log["err"]) == 1
-    assert node.monitor.matched_frame.correction == CORRECTION
+    assert node.monitor.matcher.correction == CORRECTION

@@ -10,9 +10,9 @@ import rospy
 from applr_ros1.common.angles import within_speed
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.reports import MoveBaseReports, off_the_map
-from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.state_machine import Cycle
 from tests.support.move_base_node import lone_node
+from tests.support.scenes import laser_costmap
 
 NOW = rospy.Time(100)
 
@@ -99,7 +99,7 @@ def test_missing_inputs_are_named_once_some_seconds_after_the_start(
 @pytest.mark.parametrize(("x", "is_warned_of"), [(3.0, False), (6.0, True)])
 def test_a_goal_off_the_global_costmap_is_warned_of(x, is_warned_of):
     # A rolling costmap of 10 x 10 m around the robot
-    costmap = Costmap(10.0, 10.0, 0.1, (-5.0, -5.0), rolling=True)
+    costmap = laser_costmap(10.0, 10.0, 0.1, (-5.0, -5.0), rolling=True)
     warning = off_the_map(costmap, (x, 0.0, 0.0))
     expected = (
         "the goal is off the global costmap of 10 x 10 m: send a nearer goal, or enlarge the "

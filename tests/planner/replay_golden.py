@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint import pad, radii
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn
@@ -18,7 +17,7 @@ from applr_ros1.planner.sampling_planner import start_record
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.planner.trajectory.sampling import fill_evenly, velocity_window
 from tests.planner import replay_dwa
-from tests.support.scenes import paint
+from tests.support.scenes import laser_costmap, paint
 
 # Format of tests/golden, as in its manifest.json.
 FORMAT = "planner-golden-1"
@@ -95,7 +94,7 @@ def make_costmap(scenario):
     )
     # Costmap divides the size by the resolution and rounds down. Half a cell more keeps a rounding
     # error from taking a column.
-    costmap = Costmap(
+    costmap = laser_costmap(
         (columns + 0.5) * resolution,
         (rows + 0.5) * resolution,
         resolution,

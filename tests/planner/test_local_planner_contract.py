@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from applr_ros1.planner import factory
-from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
-from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
-from tests.support.scenes import paint, straight
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.scenes import laser_costmap, paint, straight
 
 ORIGIN = (0.0, 0.0, 0.0)
 STANDING = (0.0, 0.0)
@@ -44,14 +43,7 @@ def make(plugin, **changes):
 
 def costmap(*lethal):
     """Return a map of 6 x 6 m around the origin with lethal cells at points [m]."""
-    costmap = Costmap(
-        6.0,
-        6.0,
-        0.05,
-        (-3.0, -3.0),
-        footprint=JACKAL_FOOTPRINT,
-        inflation=InflationParameters(0.3),
-    )
+    costmap = laser_costmap(6.0, 6.0, 0.05, (-3.0, -3.0), inflation=InflationParameters(0.3))
     cells = np.zeros((120, 120), np.uint8)
     for x, y in lethal:
         row = int((y + 3) / 0.05)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.make_plan import reachable_near
 from applr_ros1.planner.move_base import MoveBase
 from tests.support.robots import quick
+from tests.support.scenes import laser_costmap
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from tests.support.robots import quick
 )
 def test_points_near_the_goal_come_in_the_order_of_cpp(tolerance, step, count):
     """planService in move_base.cpp: the squares grow, y is the outer loop, below comes first."""
-    costmap = Costmap(6, 6, 0.1, (-3.0, -3.0))
+    costmap = laser_costmap(6, 6, 0.1, (-3.0, -3.0))
     goal = (0.05, 0.05, 0.0)
     points = reachable_near(costmap, (-1.0, 0.0), goal, tolerance, True)
     offsets = np.round((points - goal[:2]) / step).astype(int).tolist()
@@ -32,6 +32,11 @@ def test_points_near_the_goal_come_in_the_order_of_cpp(tolerance, step, count):
     assert offsets[:8] == [[-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, -1], [-1, 1], [1, 1]]
     beginning_of_second = [[-2, 0], [2, 0], [-2, -1], [2, -1], [-2, 1], [2, 1], [0, -2], [0, 2]]
     assert offsets[8:16] == (beginning_of_second if count == 24 else [])
+
+    # Around a robot in unknown space, only a plan through it reaches a point.
+    costmap.cells[:] = 255
+    assert len(reachable_near(costmap, (-1.0, 0.0), goal, tolerance, True)) == count
+    assert len(reachable_near(costmap, (-1.0, 0.0), goal, tolerance, False)) == 0
 
 
 def freed_square(costmap):

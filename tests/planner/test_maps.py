@@ -21,16 +21,20 @@ from applr_ros1.common.scan import (
     observe,
     project,
 )
-from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
-from applr_ros1.planner.costmap.inflation_layer import InflationParameters
-from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters, interpretation
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
+from applr_ros1.planner.costmap.static_layer import (
+    StaticLayer,
+    StaticMap,
+    StaticParameters,
+    interpretation,
+)
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import ObservationRouter
-from applr_ros1.robots import JACKAL
 from tests.support.refusals import refused
 from tests.support.robots import DWA_PARAMETERS, JACKAL_FOOTPRINT, ToyRobot, quick
-from tests.support.scenes import inflate, wall_with_a_door
+from tests.support.scenes import inflate, see, wall_with_a_door
 
 # Pose of the robot, or of a sensor, at the origin.
 HERE = (0.0, 0.0, 0.0)
@@ -96,8 +100,8 @@ def test_costs_of_occupancies(parameters, costs):
 
 
 def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_does_not():
-    fixed = make_costmap(LayerDescription("static", StaticParameters()))
-    rolling = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    fixed = make_costmap(StaticLayer("static", StaticParameters()))
+    rolling = make_costmap(StaticLayer("static", StaticParameters()), rolling=True)
     # OccupancyGrid has its resolution as float32.
     occupied_map = StaticMap(
         np.full((30, 70), 100, np.int8),
@@ -133,17 +137,15 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
     ],
 )
 def test_a_map_without_cells_resolution_or_origin_is_refused(shape, resolution, origin):
-    costmap = make_costmap(LayerDescription("static", StaticParameters()))
     invalid_map = StaticMap(np.zeros(shape), resolution, origin)
     with pytest.raises(ApplrError, match="map has"):
-        costmap.set_map("map", invalid_map)
-    assert costmap.size == (N, N)
+        MoveBase(quick()).set_map(invalid_map)
 
 
 def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_the_costmap():
     # C++ resizes the costmap even for the map of a layer that is switched off.
-    first_layer = LayerDescription("first", StaticParameters())
-    second_layer = LayerDescription("second", StaticParameters(map_topic="other", enabled=False))
+    first_layer = StaticLayer("first", StaticParameters())
+    second_layer = StaticLayer("second", StaticParameters(map_topic="other", enabled=False))
     costmap = make_costmap(first_layer, second_layer)
     costmap.set_map("map", map_of(100))
     costmap.update_costs(HERE)
@@ -155,8 +157,8 @@ def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_th
 
 def test_a_map_that_is_switched_on_again_is_written_as_a_whole():
     # Given: an occupied map below a layer that lets only the robot's surroundings be written
-    seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
-    costmap = make_costmap(LayerDescription("static", StaticParameters()), seen)
+    seen = ObstacleLayer("seen", ObstacleParameters(), (Source(),), 0)
+    costmap = make_costmap(StaticLayer("static", StaticParameters()), seen)
     costmap.set_map("map", map_of(100))
     costmap.update_costs(HERE)
     assert (costmap.cells == LETHAL).all()
@@ -182,7 +184,7 @@ FREE_CELL = np.zeros((1, 1), np.int8)
 
 
 def test_first_map_only_ignores_later_maps():
-    costmap = make_costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
+    costmap = make_costmap(StaticLayer("static", StaticParameters(first_map_only=True)))
     costmap.set_map("map", map_of(0))
     # Each of these would leave a mark.
     costmap.set_map("map", map_of(100))
@@ -192,7 +194,7 @@ def test_first_map_only_ignores_later_maps():
 
 
 def test_updates_of_a_map_are_applied():
-    costmap = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
+    costmap = make_costmap(StaticLayer("static", StaticParameters(subscribe_to_updates=True)))
     costmap.set_map("map", map_of(0))
     costmap.set_map("map", map_of(100))
     costmap.update_map("map", 3, 5, UNKNOWN_CELLS)
@@ -219,7 +221,7 @@ def test_updates_of_a_map_are_applied():
 
 @pytest.mark.parametrize(("x", "y"), [(-1, 0), (0, -1), (N, 0), (0, N)])
 def test_an_update_of_a_cell_beside_the_map_is_refused(x, y):
-    costmap = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
+    costmap = make_costmap(StaticLayer("static", StaticParameters(subscribe_to_updates=True)))
     costmap.set_map("map", map_of(100))
     refused(lambda: costmap.update_map("map", x, y, FREE_CELL), "not on the map")
     costmap.update_costs(HERE)
@@ -230,7 +232,7 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     # Given: a map in a frame of its own, and a costmap around the robot
     static_map = grid(np.random.default_rng(3), 0.3)
     placement = (0.4, -0.3, 0.5)
-    costmap = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    costmap = make_costmap(StaticLayer("static", StaticParameters()), rolling=True)
     costmap.set_map("map", static_map)
     costmap.static_layers[0].placement = placement
     costmap.update_costs((0.7, 0.5, 1.0))
@@ -274,27 +276,28 @@ def test_layers_in_any_order_equal_the_plain_ones():
         compare_layers(order, track_unknown)
 
 
-def description_of(letter, number):
+def layer_of(letter, number, default):
     """Return the layer of a letter. Obstacle layers overwrite in places 0, 2, ..., else take the
     maximum.
     """
     name = f"{letter}{number}"
     if letter == "s":
-        return LayerDescription(name, StaticParameters())
+        return StaticLayer(name, StaticParameters())
     if letter == "m":
-        return LayerDescription(name, StaticParameters(use_maximum=True, trinary_costmap=False))
+        return StaticLayer(name, StaticParameters(use_maximum=True, trinary_costmap=False))
     if letter == "i":
-        return LayerDescription(name, InflationParameters(0.3 + 0.1 * number, 3.0))
+        return InflationLayer(name, InflationParameters(0.3 + 0.1 * number, 3.0))
     parameters = ObstacleParameters(combination_method=number % 2)
     sources = (Source(raytrace_range=1.5),)
-    return LayerDescription(name, parameters, sources, 255 if number else None)
+    return ObstacleLayer(name, parameters, sources, 255 if number else default)
 
 
 def compare_layers(order, track_unknown):
     # Given: layers in some order, a map and a cloud, all updated twice
     rng = np.random.default_rng(len(order) + track_unknown)
-    descriptions = [description_of(letter, number) for number, letter in enumerate(order)]
-    costmap = make_costmap(*descriptions, track_unknown=track_unknown)
+    default = 255 if track_unknown else 0
+    layers = [layer_of(letter, number, default) for number, letter in enumerate(order)]
+    costmap = make_costmap(*layers, track_unknown=track_unknown)
     is_occupied = rng.random((N, N)) < 0.02
     occupancies = rng.integers(-1, 60, (N, N))
     cells = np.where(is_occupied, 100, occupancies).astype(np.int8)
@@ -303,7 +306,7 @@ def compare_layers(order, track_unknown):
     costmap.update_costs(HERE)
     points = rng.uniform(-1.8, 1.8, (40, 3)).astype(np.float32)
     for layer in costmap.obstacle_layers:
-        layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
+        layer.buffers[0].add_cloud(PointCloud((0.1, 0.0, 0.2), points), 0.0)
     costmap.set_map("map", static_map)
     # A new footprint forces an update of the whole map.
     costmap.set_footprint(costmap.footprint)
@@ -333,8 +336,8 @@ def test_all_sources_clear_before_any_marks():
         Source(topic="a", clearing=False),
         Source(topic="b", marking=False, clearing=True),
     )
-    costmap = make_costmap(LayerDescription("seen", ObstacleParameters(), sources))
-    marking_buffer, clearing_buffer = costmap.obstacles.buffers
+    costmap = make_costmap(ObstacleLayer("seen", ObstacleParameters(), sources, 0))
+    marking_buffer, clearing_buffer = costmap.obstacle_layers[0].buffers
     near_point = np.array([[1.05, 0.05, 0.0]], np.float32)
     far_point = np.array([[1.75, 0.05, 0.0]], np.float32)
     marking_buffer.add_cloud(PointCloud(HERE, near_point), 0.0)
@@ -560,14 +563,14 @@ def test_observations_can_be_moved_to_another_frame(sensed):
 
 
 def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
-    seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
-    costmap = make_costmap(LayerDescription("static", StaticParameters()), seen)
+    seen = ObstacleLayer("seen", ObstacleParameters(), (Source(),), 0)
+    costmap = make_costmap(StaticLayer("static", StaticParameters()), seen)
     costmap.set_map("map", map_of(0))
     under_the_robot = (0.05, 0.05, 0.0)
     beside = (1.05, 0.05, 0.0)
     points = np.array([under_the_robot, beside], np.float32)
     # The sensor is elsewhere, so that no ray clears the cell under the robot.
-    costmap.update_costs(HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
+    see(costmap, HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
     assert costmap.cells[20, 20] == 0
     assert costmap.cells[20, 30] == LETHAL
 
@@ -785,41 +788,6 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
         assert cycle.stale is (step > 6)
     assert cycle.silent == ("points", 0.32)
     assert cycle.command == (0.0, 0.0)
-
-
-def test_the_map_of_a_world_matches_the_laser():
-    """Laser hits are in or next to an occupied cell, and no cell on the path is occupied."""
-    import worlds
-    from sim_bridge.lidar import Lidar
-    from worlds.occupancy import occupancy
-
-    resolution = 0.05
-    yaw = 0.3
-    world = worlds.load("physical_course")
-    cells, _, (origin_x, origin_y, _) = occupancy(world, resolution)
-    # Rounding may put a hit into the neighbouring cell.
-    near_occupied = cells.copy()
-    for rows, columns in itertools.product((-1, 0, 1), repeat=2):
-        near_occupied |= np.roll(cells, (rows, columns), axis=(0, 1))
-    laser = JACKAL.laser
-    lidar = Lidar(laser, world.cylinders, world.boxes)
-    angles = yaw + laser.first_angle + laser.increment * np.arange(laser.beams)
-
-    def cell_of(x, y):
-        """Return row and column of the cells that contain points."""
-        column = (x - origin_x) / resolution
-        row = (y - origin_y) / resolution
-        return np.asarray(row).astype(int), np.asarray(column).astype(int)
-
-    stride = max(1, len(world.course.path) // 20)
-    for x, y in world.course.path[::stride]:
-        ranges = lidar.scan(x, y, yaw)
-        is_hit = np.isfinite(ranges)
-        hit_x = x + ranges[is_hit] * np.cos(angles[is_hit])
-        hit_y = y + ranges[is_hit] * np.sin(angles[is_hit])
-        assert (near_occupied[cell_of(hit_x, hit_y)] == 100).all()
-        assert cells[cell_of(x, y)] == 0
-    assert 0.02 < (cells == 100).mean() < 0.2
 
 
 def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_updates():

@@ -43,15 +43,6 @@ def test_reset_equals_a_fresh_object():
         assert (costmap.cells == new_move_base.costmaps[name].cells).all(), name
 
 
-def test_a_reset_may_keep_reconfigured_values():
-    move_base = MoveBase(quick())
-    move_base.reconfigure(PLANNER, {"max_vel_x": 1.3})
-    move_base.reset(0.0, restore=False)
-    assert move_base.configuration(PLANNER)["max_vel_x"] == 1.3
-    move_base.reset(0.0)
-    assert move_base.configuration(PLANNER)["max_vel_x"] == 0.5
-
-
 @pytest.mark.parametrize(
     ("server", "values"),
     [

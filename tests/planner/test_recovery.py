@@ -10,17 +10,17 @@ import pytest
 
 from applr_ros1.common.scan import PointCloud
 from applr_ros1.planner import recovery
-from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.parameters.check import check, complete, remarks
 from applr_ros1.planner.parameters.move_base_parameters import RECOVERY_TYPES
-from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS, ToyRobot
+from tests.support.robots import JACKAL_PARAMETERS, ToyRobot
+from tests.support.scenes import laser_costmap, see
 from tests.support.seeds import seeds
 
 
 def make_costmap():
     """Return a costmap with an obstacle 2 m ahead, and one 1.15 m away at (0.81, 0.81)."""
-    costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
-    costmap.update_costs(ORIGIN, cloud_of((2.0, 0.0), (0.81, 0.81)))
+    costmap = laser_costmap(10, 10, 0.05, (-5.0, -5.0))
+    see(costmap, ORIGIN, cloud_of((2.0, 0.0), (0.81, 0.81)))
     return costmap
 
 
@@ -47,7 +47,7 @@ def cloud_of(*points):
 
 ORIGIN = (0.0, 0.0, 0.0)
 # A costmap without obstacles
-OPEN = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
+OPEN = laser_costmap(10, 10, 0.05, (-5.0, -5.0))
 # Default recoveries of move_base.cpp, in its order
 USUAL = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
@@ -122,7 +122,7 @@ def test_clearing_removes_obstacles_only_outside_the_square():
     assert behaviour.step(0.0, ORIGIN, local_costmap, global_costmap) is None
     # A scan without returns, because the last scan would mark the obstacles again
     for costmap in (local_costmap, global_costmap):
-        costmap.update_costs(ORIGIN, cloud_of())
+        see(costmap, ORIGIN, cloud_of())
         assert not lethal(costmap, 2.0, 0.0)
         assert lethal(costmap, 0.81, 0.81)
 
@@ -134,7 +134,7 @@ def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
     # In the global map's frame the robot is at (2.3, -1.0): there the other obstacle is near.
     behaviour.step(0.0, ORIGIN, local_costmap, global_costmap, (2.3, -1.0, 0.0))
     for costmap in (local_costmap, global_costmap):
-        costmap.update_costs(ORIGIN, cloud_of())
+        see(costmap, ORIGIN, cloud_of())
     assert lethal(local_costmap, 0.81, 0.81)
     assert not lethal(local_costmap, 2.0, 0.0)
     assert lethal(global_costmap, 2.0, 0.0)
@@ -183,7 +183,7 @@ def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
 def test_rotation_is_refused_next_to_an_obstacle():
     costmap = make_costmap()
     # Outside the padded footprint, whose half width is 0.265 m, but within reach of its corners
-    costmap.update_costs(ORIGIN, cloud_of((0.0, 0.36)))
+    see(costmap, ORIGIN, cloud_of((0.0, 0.36)))
     assert rotate().step(0.0, ORIGIN, costmap, costmap) is None
 
 
@@ -195,10 +195,10 @@ def test_rotation_does_not_begin_if_its_second_half_is_blocked():
         (0.5, 0.2),
         (0.5, -0.2),
     ]
-    costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=long_front)
+    costmap = laser_costmap(10, 10, 0.05, (-5.0, -5.0), footprint=long_front)
     for y, is_free in ((-0.4, False), (-0.8, True)):
         costmap.reset_layers()
-        costmap.update_costs(ORIGIN, cloud_of((0.0, y)))
+        see(costmap, ORIGIN, cloud_of((0.0, y)))
         begins = rotate().step(0.0, ORIGIN, costmap, costmap) is not None
         assert begins == is_free
 
@@ -232,7 +232,7 @@ def test_only_in_cpp_may_a_rotation_take_an_hour(like_cpp):
 def test_sim_granularity_is_the_step_between_the_yaws_that_must_be_free(granularity, begins):
     # Within reach of the corners, at 0.41 m, and not of the sides, at 0.31 and 0.27 m
     costmap = make_costmap()
-    costmap.update_costs(ORIGIN, cloud_of((0.0, 0.36)))
+    see(costmap, ORIGIN, cloud_of((0.0, 0.36)))
     tree = dict(JACKAL_PARAMETERS, rotate_recovery={"sim_granularity": granularity})
     _, rotation, *_ = recovery.build(complete(tree))
     rotation.start(0.0, ORIGIN)

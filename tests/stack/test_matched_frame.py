@@ -36,7 +36,7 @@ def corrected(monkeypatch, simulated):
     inputs = []
 
     def add_scan(scan, topic=""):
-        monitor.matched_frame.correction = CORRECTION
+        monitor.matcher.correction = CORRECTION
         return ""
 
     def step(now, pose, twist, sensed, local_origin):
@@ -66,7 +66,7 @@ def test_the_correction_by_a_scan_moves_pose_and_scan_in_the_next_cycle(monkeypa
 def test_predicted_obstacle_points_are_moved_as_well(monkeypatch):
     simulated = made(movers=True)
     inputs = corrected(monkeypatch, simulated)
-    simulated.stack.monitor.matched_frame.correction = CORRECTION
+    simulated.stack.monitor.matcher.correction = CORRECTION
     tick = simulated.cycle()
     ((_, sensed, _),) = inputs
     cloud = sensed[PREDICTED]
@@ -85,13 +85,13 @@ def test_the_goal_stays_in_the_matched_frame(monkeypatch):
     sent_goal = simulated.simulator.to_odom(simulated.simulator.world.course.sent_goal)
     goal = compose(CORRECTION, sent_goal)
     assert simulated.goal == goal
-    simulated.stack.monitor.matched_frame.correction = (0.0, 0.0, 0.0)
+    simulated.stack.monitor.matcher.correction = (0.0, 0.0, 0.0)
     assert simulated.goal == simulated.stack.move_base.goal == goal
 
 
 def test_methods_see_moving_obstacles_in_the_frame_of_plan_and_goal(monkeypatch):
     simulated = made(movers=True)
-    simulated.stack.monitor.matched_frame.correction = CORRECTION
+    simulated.stack.monitor.matcher.correction = CORRECTION
     tracked = np.array([[1.0, 2.0, 0.5, 0.0]])
     monkeypatch.setattr(type(simulated.stack), "movers", tracked)
     ((x, y, vx, vy),) = simulated.movers
@@ -106,7 +106,7 @@ def test_a_recorded_plan_is_in_the_frame_of_the_recorded_poses(monkeypatch):
 
     def add_and_correct(scan, topic=""):
         fault = add_scan(scan, topic)
-        simulated.stack.monitor.matched_frame.correction = CORRECTION
+        simulated.stack.monitor.matcher.correction = CORRECTION
         return fault
 
     monkeypatch.setattr(simulated.stack.monitor, "add_scan", add_and_correct)

@@ -143,6 +143,7 @@ def whole_drive(robot):
             "base_frame_id": "base_link",
         },
         {"width": 6.0},
+        {"controller_frequency": 10.0},
     ]
 
     # A decision in the second row
@@ -175,7 +176,7 @@ def whole_drive(robot):
         planned=Commands(times, twists),
         commands=Commands(times[1:], 0.5 * twists[1:]),
         verdicts=Verdicts(times[:2], ["stop", "pass"], ["a wall is near: 0.1 m", ""]),
-        changes=Changes(times[:2], ["DWAPlannerROS", "local_costmap"], changed_values),
+        changes=Changes(times[:3], ["DWAPlannerROS", "local_costmap", ""], changed_values),
         decisions=[
             Decision("first", 1.0, 1.0, values, decided_values, seen),
             Decision("first", 1.2, 1.2, decided_values, values, seen, cleared=True),

@@ -11,18 +11,22 @@ DRIVES = [(0.5, 0.0)] * 60  # three seconds at full speed
 STANDS = [(0.0, 0.0)] * 60
 
 
-def drive_of(twists, goal=(100.0, 0.0)):
-    """Return a drive with these measured velocities (v, w), which had a goal all the time."""
+def drive_of(twists, goal=(100.0, 0.0), sideways=0.0):
+    """Return a drive with these measured velocities (v, w), which had a goal all the time.
+
+    `sideways` is the velocity to the left [m/s], or one for each.
+    """
     twist = np.array(twists, float)
+    leftward = np.broadcast_to(np.asarray(sideways, float), len(twist)).copy()
     v, w = twist.T
     times = np.arange(len(twist)) / RATE_HZ
     yaw = np.cumsum(w) / RATE_HZ
-    x = np.cumsum(v * np.cos(yaw)) / RATE_HZ
-    y = np.cumsum(v * np.sin(yaw)) / RATE_HZ
-    odometry = Motion(times, times, np.column_stack([x, y, yaw]), twist)
+    x = np.cumsum(v * np.cos(yaw) - leftward * np.sin(yaw)) / RATE_HZ
+    y = np.cumsum(v * np.sin(yaw) + leftward * np.cos(yaw)) / RATE_HZ
+    odometry = Motion(times, times, np.column_stack([x, y, yaw]), twist, leftward)
     # A plan of one pose, the goal's, in each row
     plan = np.array([(*goal, 0.0)])
-    commands = Commands(times, twist)
+    commands = Commands(times, twist, leftward)
     last_time = float(times[-1])
     return Drive(
         odometry=odometry,

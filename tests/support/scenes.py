@@ -7,7 +7,11 @@ import numpy as np
 from PIL import Image
 
 import worlds
-from applr_ros1.planner.costmap.inflation_layer import InflationLayer
+from applr_ros1.common.scan import Source
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.grid import Geometry
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from tests.support.refusals import refused
 from tests.support.robots import JACKAL_FOOTPRINT
@@ -49,7 +53,9 @@ def drive(simulator, v, w, seconds, step=STEP):
 
 def inflate(master, window, resolution, inscribed, parameters):
     """Inflate a window of the cells in place, with a new layer."""
-    layer = InflationLayer(*master.shape[::-1], resolution, parameters)
+    rows, columns = master.shape
+    layer = InflationLayer("inflation", parameters)
+    layer.match_size(Geometry(columns, rows, resolution, np.zeros(2), False))
     layer.set_inscribed_radius(inscribed)
     layer.inflate(master, master.copy(), window)
 
@@ -79,6 +85,36 @@ def wall_with_a_door():
     cells[door_rows, wall_columns] = 0
     cells[:10] = -1
     return StaticMap(cells, 0.05, (-3.0, -3.0), "map")
+
+
+def laser_costmap(
+    size_x,
+    size_y,
+    resolution,
+    origin=(0.0, 0.0),
+    rolling=False,
+    footprint=JACKAL_FOOTPRINT,
+    track_unknown=False,
+    obstacles=None,
+    inflation=None,
+):
+    """Return a costmap of these sizes [m] with one laser, below an inflation layer."""
+    layers = (
+        ObstacleLayer(
+            "obstacles_layer",
+            obstacles or ObstacleParameters(),
+            (Source(),),
+            255 if track_unknown else 0,
+        ),
+        InflationLayer("inflater_layer", inflation or InflationParameters()),
+    )
+    return Costmap(size_x, size_y, resolution, origin, rolling, footprint, track_unknown, layers)
+
+
+def see(costmap, pose, cloud):
+    """Update a costmap at a pose with a new cloud of its first source."""
+    costmap.obstacle_layers[0].buffers[0].add_cloud(cloud, cloud.stamp)
+    costmap.update_costs(pose)
 
 
 def paint(costmap, cells):

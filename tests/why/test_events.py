@@ -1,6 +1,6 @@
 """Tests of the events of a drive, and of the reasons that its columns show."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from applr_ros1.why.diagnosis import NOT_ENDED, OCCUPIED, give_outside_reason
 from applr_ros1.why.events import AT_GOAL, UNHEARD, DriveLimits, Event
 from applr_ros1.why.limits import control_period
 from applr_ros1.why.reasons import NO_PATH
+from applr_ros1.why.recorded import with_planned
 from applr_ros1.why.stretch import Stretch
 from tests.support.measured_drives import DRIVES, RATE_HZ, STANDS, drive_of, stopped_drive
 
@@ -249,6 +250,11 @@ def test_there_are_no_events_without_a_goal():
     odometry = drive.odometry
     early_commands = Commands(odometry.time[:60], odometry.twist[:60])
     assert kinds(replace(without_status, planned=early_commands)) == []
+    # Commands that pause for as long as between two goals end it, too.
+    pauses = drive_of(DRIVES + STANDS * 4 + DRIVES)
+    moving_rows = pauses.odometry.twist.any(axis=1)
+    with_pause = Commands(pauses.odometry.time[moving_rows], pauses.odometry.twist[moving_rows])
+    assert kinds(replace(pauses, goals=[], planned=with_pause)) == []
     # Nor was there one before the first command to move.
     waits_first = drive_of(STANDS + DRIVES)
     assert kinds(waits_first) == ["stood"]
@@ -285,6 +291,19 @@ def test_a_gap_of_the_odometry_is_an_event():
     assert gap.end == pytest.approx(5.0)
     # After its last goal, nobody waits for the robot.
     assert kinds(replace(drive, goals=[Goal("one", 0.0, 2.0)])) == []
+
+
+def test_odometry_that_comes_once_a_second_shows_the_same_stop():
+    drive = drive_of(DRIVES * 3 + STANDS * 2 + DRIVES * 3)
+    each_second = np.arange(0, len(drive.odometry), 20)
+    rare = {}
+    for column in fields(drive.odometry):
+        rare[column.name] = getattr(drive.odometry, column.name)[each_second]
+    # Its messages come up to 0.2 s late.
+    rare["time"] = rare["time"] + np.resize([0.0, 0.2], len(each_second))
+    (event,) = found(replace(drive, odometry=Motion(**rare)))
+    assert event.kind == "stood"
+    assert (event.begin, event.end) == pytest.approx((9.0, 15.0), abs=1.3)
 
 
 def test_a_stop_at_the_same_place_on_the_next_round_is_another_event():
@@ -348,13 +367,6 @@ def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
     assert silence(all_times[is_early]) == "there was no scan for 3.0 s"
 
 
-def test_silent_odometry_is_a_reason(stopped):
-    odometry = stopped.odometry.part(slice(0, 56))
-    # Its last message comes at 2.75 s, and commands go on until 8.95 s.
-    drive = replace(stopped, odometry=odometry)
-    assert reasons.silent(stretch_of(drive)) == "there was no odometry for 3.0 s"
-
-
 def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stopped):
     def silences(first, last):
         """Return the reasons if scans, or else commands, are silent from `first` to `last` [s]."""
@@ -383,18 +395,29 @@ def test_a_silence_counts_within_the_stop_alone_and_beyond_the_usual_gaps(stoppe
     assert reasons.silent(stretch_of(slow)) == ""
 
 
-def test_the_time_without_a_plan_is_a_reason(stopped):
+def test_the_time_without_a_plan_is_a_reason_if_nothing_proves_that_there_is_one(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
-    for times, paths, reason in (
-        ([0.0], [path], ""),  # One plan serves the whole drive.
-        ([0.0, 3.2], [path, empty], NO_PATH),
-        ([0.0, 3.2, 4.0], [path, empty, path], ""),  # 0.8 s are less than half of the stretch.
-        ([8.0], [path], NO_PATH),  # The first plan comes after the stretch.
+    waits = replace(stopped, plans=None, planned=None)
+    followed = Plans(np.arange(0.0, 9.0, 0.1), [empty] * 90)
+    early = followed.between(0.0, 3.2)
+    from_bag_on = [Goal("one", 0.0, 9.0)]
+    seen_to_begin = [Goal("one", 1.5, 9.0)]
+    for times, paths, changes, reason in (
+        ([0.0], [path], {}, ""),  # One plan serves the whole drive.
+        ([0.0, 3.2], [path, empty], {}, NO_PATH),
+        ([0.0, 3.2, 4.0], [path, empty, path], {}, ""),  # 0.8 s are less than half of it.
+        # The first plan comes after the stretch: an earlier one may be older than the bag.
+        ([8.0], [path], {"goals": from_bag_on}, ""),
+        ([8.0], [path], {"goals": seen_to_begin}, NO_PATH),
+        # An empty plan for somebody else: what the local planner does shows that it has another.
+        ([0.0, 3.2], [path, empty], {"plans": followed}, ""),
+        ([0.0, 3.2], [path, empty], {"plans": early}, NO_PATH),
+        ([0.0, 3.2], [path, empty], {"planned": stopped.planned}, ""),
+        ([8.0], [path], {"goals": seen_to_begin, "plans": followed}, ""),
     ):
-        routes = Plans(np.array(times), paths)
-        drive = replace(stopped, routes=routes)
-        assert reasons.no_plan(stretch_of(drive)) == reason, times
+        drive = replace(waits, routes=Plans(np.array(times), paths), **changes)
+        assert reasons.no_plan(stretch_of(drive)) == reason, (times, changes)
 
 
 @pytest.mark.parametrize(
@@ -420,6 +443,8 @@ def test_a_goal_in_an_obstacle_is_said_if_there_is_no_path(
     place = np.array([[3.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
     drive = replace(
         stopped,
+        plans=None,
+        planned=None,
         routes=Plans(np.array([0.0]), [np.zeros((0, 3))]),
         scans=scans_of(times, [metres] * len(times)),
         frames={"scans": ["laser"]},
@@ -489,31 +514,6 @@ def test_a_jump_of_the_pose_is_the_cause_of_a_missing_plan(stopped):
     give_outside_reason(event, drive, JACKAL)
     assert event.reason == "the pose jumped by 0.8 m"
     assert event.is_outside
-
-
-def test_causes_come_before_what_follows_from_them(stopped):
-    planned = stopped.planned
-    early_commands = planned.part(slice(0, 50))
-    no_commands = Commands(planned.time, 0.0 * planned.twist)
-    early_times = np.arange(0.0, 2.5, 0.1)
-    no_path = Plans(np.array([0.0, 3.0]), [np.zeros((5, 3)), np.zeros((0, 3))])
-    wall = Verdicts(np.array([0.0]), ["stop"], ["a wall"])
-    for columns, reason in (
-        # Without a scan, or without a plan, the planner sends nothing.
-        (
-            {"scans": scans_of(early_times, early_times), "planned": early_commands},
-            "there was no scan for 3.0 s",
-        ),
-        ({"routes": no_path, "planned": early_commands}, "the global planner finds no path"),
-        # What the monitor blocks does not reach the base.
-        (
-            {"verdicts": wall, "commands": no_commands},
-            "the collision monitor blocks 100 % of the commanded motion: a wall",
-        ),
-    ):
-        event = Event("stood", 3.0, 6.0, (1.5, 0.0))
-        give_outside_reason(event, replace(stopped, **columns), JACKAL)
-        assert event.reason == reason
 
 
 def limited(drive, shares, verdicts=None):
@@ -617,11 +617,23 @@ def test_a_monitor_that_blocks_each_way_ahead_is_a_reason_while_the_planner_back
     assert blocked(0.39, backing=planned.time >= 0.0) == ""
 
 
-def test_a_base_that_does_not_follow_is_a_reason(stopped):
-    words = "the base did not follow its commands of 0.50 m/s"
-    assert reasons.unmoved(stretch_of(stopped)) == words
-    # From 6 s on the robot drives as it is told.
-    assert reasons.unmoved(stretch_of(stopped, 6.0, 9.0)) == ""
+def test_a_command_to_drive_sideways_asks_for_motion_and_a_steering_angle_does_not():
+    def reason(angles, twist, sideways=0.0):
+        """Return the reason of a base that stands with a command, by a parameter of its planner."""
+        robot = JACKAL.with_parameters({JACKAL.local_planner: angles}, "cart")
+        stands = drive_of(STANDS)
+        commands = Commands(
+            stands.planned.time, np.tile(twist, (60, 1)), np.full(60, float(sideways))
+        )
+        commanded = with_planned(replace(stands, planned=None, commands=commands), robot)
+        return reasons.unmoved(stretch_of(commanded, 0.0, 3.0))
+
+    words = "the base did not follow its commands of 0.40"
+    assert reason({}, (0.0, 0.0), sideways=0.4) == f"{words} m/s"
+    assert reason({}, (0.0, 0.4)) == f"{words} rad/s"
+    has_angles = {"cmd_angle_instead_rotvel": True}
+    assert reason(has_angles, (0.0, 0.4)) == ""
+    assert reason(has_angles, (0.4, 0.4)) == f"{words} m/s"
 
 
 def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_reason(stopped):
@@ -636,6 +648,9 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     assert reasons.unmoved(stretch_of(turns)) == words
     nothing = Commands(turns.planned.time, 0.0 * turns.planned.twist)
     words = "100 % of the commanded motion does not reach the base"
+    # A mux that is locked until the end may send nothing at all.
+    silent = turns.planned.part(slice(0, 30))
+    assert reasons.blocked(stretch_of(replace(turns, commands=silent))).startswith(words)
     assert reasons.blocked(stretch_of(replace(turns, commands=nothing))).startswith(words)
 
     # Turns to either side all pass, if a little later.
@@ -647,20 +662,6 @@ def test_a_turn_that_does_not_reach_the_base_or_that_it_does_not_follow_is_a_rea
     assert reasons.unmoved(stretch_of(with_commands((0.0, 0.4), measured=(0.0, 0.4)))) == ""
     # Commands so small ask for no motion.
     assert reasons.unmoved(stretch_of(with_commands((0.04, 0.15)))) == ""
-
-
-def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped):
-    times = np.arange(0.0, 9.0, 0.1)
-    same_scans = replace(stopped, scans=scans_of(times, np.full(90, 2.0)))
-    words = (
-        "the scans stay the same while the odometry moves 1.5 m: "
-        "the robot is held, or its wheels slip"
-    )
-    assert reasons.stuck(stretch_of(same_scans, 6.0, 9.0)) == words
-    assert reasons.stuck(stretch_of(same_scans)) == ""  # It stands.
-
-    other_scans = replace(stopped, scans=scans_of(times, times))
-    assert reasons.stuck(stretch_of(other_scans, 6.0, 9.0)) == ""
 
 
 def test_scans_that_stay_the_same_while_the_robot_goes_to_and_fro_are_no_reason(stopped):
@@ -699,9 +700,9 @@ def test_a_robot_is_held_if_its_odometry_moves_far_and_its_scans_change_little(s
     # 0.6 m are far, 0.4 m are not.
     assert is_held(end=7.2, change=0.0)
     assert not is_held(end=6.8, change=0.0)
-    # Noise changes ranges by less than 0.03 m.
-    assert is_held(end=9.0, change=0.02)
-    assert not is_held(end=9.0, change=0.04)
+    # Noise changes ranges of 2 m by less than 0.09 m.
+    assert is_held(end=9.0, change=0.08)
+    assert not is_held(end=9.0, change=0.1)
 
 
 def test_a_recovery_that_began_up_to_a_second_before_the_stop_is_a_reason(stopped):
@@ -716,23 +717,6 @@ def test_a_recovery_that_began_up_to_a_second_before_the_stop_is_a_reason(stoppe
     assert reason(1.9, next_plan=8.0) == ""
     # Only its time within the stretch counts: here 1.4 s, less than half of it.
     assert reason(2.1, next_plan=4.4) == ""
-
-
-def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
-    recovers = replace(stopped, recoveries=np.array([3.1]))
-    # Plans were followed all the time.
-    assert reasons.recovering(stretch_of(recovers)) == ""
-    # The next plan comes after the stretch, at 8 s.
-    two_plans = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
-    waits_for_a_plan = replace(recovers, plans=two_plans)
-    assert reasons.recovering(stretch_of(waits_for_a_plan)) == "a recovery behaviour ran"
-
-
-def test_late_commands_are_a_reason(stopped):
-    assert reasons.late(stretch_of(stopped)) == ""
-    every_fourth = stopped.planned.part(slice(0, None, 4))
-    late = replace(stopped, planned=every_fourth)
-    assert reasons.late(stretch_of(late)) == "commands came every 0.20 s instead of every 0.05 s"
 
 
 def test_commands_are_late_from_twice_the_control_period_on(stopped):

@@ -286,8 +286,16 @@ def test_samples_that_dwa_refuses_are_explained():
     replay = replayed(WAFFLE, driven)
     # With this velocity, the samples reach from backing out to a slow turn.
     backs_out = replace(replay.cycles[10], twist=(-0.2, 0.0))
-    last_line = explain(replay, backs_out).lines[-1]
+    explanation = explain(replay, backs_out)
+    last_line = explanation.lines[-1]
+    # Whatever its values, it brakes first.
+    assert explanation.words == ""
     assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in last_line
+
+    # From standing, any robot drives off but one that hardly accelerates.
+    hardly = Change(replay.planner.name, "acc_lim_x", 2.5, 0.1)
+    stands = replace(backs_out, twist=(0.0, 0.0), settings=backs_out.settings.with_(hardly))
+    assert explain(replay, stands).words.startswith("no command faster than 0.01 m/s is sampled")
 
     # Nothing straight lies between both limits of the speed.
     lowered = Change(replay.planner.name, "max_vel_trans", 0.26, 0.08)

@@ -204,24 +204,24 @@ def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
         (
             "origin",
             "[-12.0, -10.0, -nan]",
-            r"origin is \[-12.0, -10.0, '-nan'\]: give x, y and yaw \[m, m, rad\]",
+            "origin.2 is '-nan': give a finite number",
         ),
-        ("origin", "[-12.0, -10.0]", r"origin is \[-12.0, -10.0\]: give x, y and yaw"),
-        ("origin", "[.inf, 0, 0]", r"origin is \[inf, 0, 0\]: give x, y and yaw"),
-        ("origin", "0", "origin is 0: give x, y and yaw"),
-        ("resolution", "0.0", "resolution is 0.0: give the edge of a cell, up to 1 m"),
-        ("resolution", "5", "resolution is 5: give the edge of a cell"),
-        ("occupied_thresh", "dark", "occupied_thresh is 'dark': give a number from 0 to 1"),
-        ("free_thresh", ".nan", "free_thresh is nan: give a number from 0 to 1"),
-        ("occupied_thresh", 65, "occupied_thresh is 65: give a number from 0 to 1"),
+        ("origin", "[-12.0, -10.0]", "origin.2 is .*: give it"),
+        ("origin", "[.inf, 0, 0]", "origin.0 is inf: give a finite number"),
+        ("origin", "0", "origin is 0: give a list"),
+        ("resolution", "0.0", "resolution is 0.0: give more than 0"),
+        ("resolution", "5", "resolution is 5: give at most 1"),
+        ("occupied_thresh", "dark", "occupied_thresh is 'dark': give a number"),
+        ("free_thresh", ".nan", "free_thresh is nan: give a finite number"),
+        ("occupied_thresh", 65, "occupied_thresh is 65: give at most 1"),
         (
             "free_thresh",
             0.9,
             r"free_thresh is 0.9, above occupied_thresh \(0.65\): no cell .*lower",
         ),
-        ("negate", "white", "negate is 'white': give 0 or 1"),
-        ("image", "''", "image is '': give the path of an image"),
-        ("mode", "ternary", "mode is 'ternary': give trinary, scale or raw"),
+        ("negate", "white", "negate is 'white': give true or false"),
+        ("image", "''", "image is '': give a longer text"),
+        ("mode", "ternary", "mode is 'ternary': give 'trinary', 'scale' or 'raw'"),
     ],
 )
 def test_each_field_of_a_map_is_checked(tmp_path, field, value, line):
@@ -493,7 +493,6 @@ def test_a_picture_of_an_unknown_ending_is_refused_with_those_that_are_known(
     monkeypatch.setattr("sys.argv", ["draw", "generated:3", str(picture)])
     assert draw.main() == 1
     printed = capsys.readouterr().err
-    assert printed.startswith(f"draw: {picture}: a picture cannot end in .txt: give one of ")
     assert ", png, " in printed
     assert printed.count("\n") == 1
     assert not picture.exists()

@@ -9,6 +9,7 @@ from applr_ros1.planner.costmap import footprint
 from tests.support.refusals import refused
 from tests.support.scenes import refused_world, small_world
 from worlds import Mover, draw, dynabarn, sdf_writer
+from worlds.occupancy import occupancy
 from worlds.world import clearance
 
 # Narrowest gap of BARN's worlds over the Jackal's padded width [m / m].
@@ -99,40 +100,6 @@ def test_the_path_of_the_physical_course_keeps_from_its_boxes():
     assert clearance(world, world.course.path).min() >= 0.3
 
 
-@pytest.mark.parametrize(
-    ("row_y", "first_x", "last_x"),
-    [
-        (3.2, 2.3, 4.0),  # 1.7 m on the right
-        (5.8, 0.0, 1.8),  # 1.8 m on the left
-        (8.2, 1.6, 2.5),  # the narrow part of 0.9 m
-        (8.8, 1.55, 2.45),
-        (9.4, 1.55, 2.45),
-        (13.6, 2.5, 4.0),  # 1.5 m on the right
-        (16.2, 0.9, 1.85),  # 0.95 m on the left
-        (7.0, 0.0, 4.0),  # the lane between two rows
-    ],
-)
-def test_each_row_of_the_physical_course_leaves_one_opening(row_y, first_x, last_x):
-    # From the middle of one wall to the middle of the other
-    x = np.arange(-0.15, 4.155, 0.01)
-    line = np.column_stack([x, np.full_like(x, row_y)])
-    is_free = clearance(worlds.load("physical_course"), line) > 0.005
-    free_x = x[is_free]
-    assert free_x.min() == pytest.approx(first_x, abs=0.03)
-    assert free_x.max() == pytest.approx(last_x, abs=0.03)
-    # Nothing stands within it: there is a point in each centimetre.
-    assert len(free_x) == pytest.approx((last_x - first_x) / 0.01, abs=6)
-
-
-@pytest.mark.parametrize("x", [0.01, 2.0, 3.99])
-def test_the_lane_of_the_physical_course_is_twenty_metres_long_and_closed_at_both_ends(x):
-    # Places beside the faces of both end walls, which are 0.3 m thick
-    y = np.array([-0.29, -0.01, 0.01, 19.99, 20.01, 20.29])
-    line = np.column_stack([np.full_like(y, x), y])
-    is_free = clearance(worlds.load("physical_course"), line) > 0.0
-    assert is_free.tolist() == [False, False, True, True, False, False]
-
-
 def test_the_distance_to_a_moving_obstacle_is_that_at_the_given_time():
     # Given: a cylinder that is at (2, 0) after two of four seconds
     mover = Mover(0.5, ((0.0, 0.0, 0.0), (4.0, 4.0, 0.0)))
@@ -145,6 +112,23 @@ def test_the_distance_to_a_moving_obstacle_is_that_at_the_given_time():
     # It has the first point beside it at one time, and the second one at the other.
     assert at_start == pytest.approx([2.5 - 0.5, 1.5 - 0.5])
     assert halfway == pytest.approx([1.5 - 0.5, 2.5 - 0.5])
+
+
+def test_the_map_of_a_world_has_the_obstacles_that_stand():
+    resolution = 0.05
+    mover = Mover(0.5, ((0.0, 4.0, 0.0), (4.0, 4.0, 1.0)))
+    world = small_world([(1.0, 2.0, 0.3)], [(-1.0, 0.0, 0.0, 0.6, 0.2)], [mover])
+    cells, _, (origin_x, origin_y, _) = occupancy(world, resolution)
+    rows, columns = np.nonzero(cells == 100)
+    x = origin_x + (columns + 0.5) * resolution
+    y = origin_y + (rows + 0.5) * resolution
+    is_round = y > 1.0
+    # An obstacle has the cells into whose inner circle it reaches.
+    radii = np.hypot(x[is_round] - 1.0, y[is_round] - 2.0)
+    assert 0.3 < radii.max() <= 0.3 + 0.5 * resolution
+    for coordinate, low, high in ((x, -1.3, -0.7), (y, -0.1, 0.1)):
+        assert coordinate[~is_round].min() == pytest.approx(low, abs=resolution)
+        assert coordinate[~is_round].max() == pytest.approx(high, abs=resolution)
 
 
 # -- commands

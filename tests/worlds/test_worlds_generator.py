@@ -43,19 +43,6 @@ def test_every_built_in_world_has_room_along_its_path():
         assert clearance(world, world.course.path).min() >= 0.375 - 1e-9, number
 
 
-def test_every_built_in_path_goes_from_side_to_side_by_barns_moves():
-    for _, path in barn.fields().values():
-        first_column, last_column = path[[0, -1], 1]
-        assert (first_column, last_column) == (0, 29)
-        steps = np.diff(path, axis=0)
-        assert np.abs(steps).max() == 1
-        assert steps.any(axis=1).all()
-        row_steps, column_steps = steps.T
-        headings = np.unwrap(np.arctan2(row_steps, column_steps))
-        turns = np.diff(headings)
-        assert np.abs(turns).max() <= np.pi / 4 + 1e-9
-
-
 def test_course_is_the_papers():
     course = worlds.load("generated:7").course
     first_x, first_y = course.path[0]

@@ -38,6 +38,7 @@ from training.attempts.usual_values import (
     UNUSUAL,
     ParameterPlace,
     UsualValues,
+    departure,
     places_of,
 )
 
@@ -232,8 +233,10 @@ def candidates_of(robot: Robot) -> CandidateList:
     places = GroupedPlaces(robot)
     usual_values = UsualValues(robot)
     usual_instead = _usual_instead(places, usual_values)
+    weights = _weights_of_robots(places, usual_values)
     rated_candidates = [
         *usual_instead,
+        *weights,
         *_footprints(robot, tree),
         *_paddings(tree),
         *_ranges(robot, tree),
@@ -242,7 +245,7 @@ def candidates_of(robot: Robot) -> CandidateList:
     ]
     unusual = [rated.candidate for rated in _sorted(rated_candidates) if rated.departure >= UNUSUAL]
     others = [
-        *_weights_of_robots(places, usual_values),
+        *(rated.candidate for rated in weights),
         *_factored(places, [places.by_name[name] for name in FREQUENT]),
         *_escape(places),
         *(rated.candidate for rated in usual_instead),
@@ -276,13 +279,23 @@ def _usual_instead(places: GroupedPlaces, usual_values: UsualValues) -> List[Rat
     return _sorted(rated_candidates)
 
 
-def _weights_of_robots(places: GroupedPlaces, usual_values: UsualValues) -> Iterator[Candidate]:
-    """Yield the BIASES of each included robot with the same local planner."""
+def _weights_of_robots(places: GroupedPlaces, usual_values: UsualValues) -> List[Rated]:
+    """Return the BIASES of each included robot with the same local planner.
+
+    They are as unusual as their ratio, although each of them may be usual.
+    """
+    groups = [places.by_name[name] for name in BIASES]
+    path_bias, goal_bias = (group[0].value for group in groups)
+    departures = []
+    candidates = []
     for weights in zip(*(usual_values.of_robots[name] for name in BIASES)):
         changes: Tuple[Change, ...] = ()
-        for name, weight in zip(BIASES, weights):
-            changes += places.changed(places.by_name[name], weight)
-        yield Candidate(changes)
+        for group, weight in zip(groups, weights):
+            changes += places.changed(group, weight)
+        candidates.append(Candidate(changes))
+        path_weight, goal_weight = weights
+        departures.append(departure(path_bias * goal_weight, path_weight * goal_bias))
+    return [Rated(min(departures), candidate) for candidate in candidates]
 
 
 def _factored(places: GroupedPlaces, groups: Iterable[PlaceGroup]) -> Iterator[Candidate]:

@@ -10,6 +10,7 @@ import logging
 import os
 from contextlib import contextmanager
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import (
     Any,
@@ -25,6 +26,7 @@ from typing import (
     Tuple,
 )
 
+import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 
@@ -33,6 +35,7 @@ from applr_ros1.common.files import FileError, check_regular, reading
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.received import (
+    BACK_NS,
     Received,
     TopicSource,
     all_received,
@@ -45,7 +48,13 @@ from applr_ros1.robots import JACKAL, Robot
 _LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
 ACTIVE_SUFFIX = ".bag.active"  # end of the name of a bag that rosbag has not finished
+CUT_SHORT = "if its recording was cut short, rename it to .bag, run rosbag reindex"
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")  # ends of the names of bags that are one file
+# Ends of the names of bags that cannot be read as they are, and the remedies
+UNREAD_SUFFIXES = {
+    ".active": CUT_SHORT,
+    **dict.fromkeys((".bz2", ".gz", ".xz", ".zip", ".zst", ".zstd"), "unpack it"),
+}
 
 
 class BagError(ApplrError):
@@ -77,6 +86,7 @@ class OpenBag:
         robot: Robot = JACKAL,
         topics: TopicNames = TopicNames(),
         columns: Optional[Collection[str]] = None,
+        is_one: bool = False,
     ) -> Drive:
         """Read the drive. Messages that cannot be unpacked are left out, and logged by topic.
 
@@ -85,11 +95,13 @@ class OpenBag:
             topics: Names of the recorded topics.
             columns: Columns to read; None reads all. Times count from the first message on one of
                 their topics.
+            is_one: Whether the messages are to be one drive by one clock.
         """
         sources = sources_of(self.types, topics, columns)
         messages = all_received(self._calls(sources), self._name)
-        drive = drive_from(messages, robot)
+        drive = drive_from(messages, robot, is_one)
         drive.name = self._name
+        drive.topics = {topic: source.key for topic, source in sources.items()}
         _LOGGER.info("bag %s: %d messages on %s", self._name, len(messages), ", ".join(sources))
         return drive
 
@@ -114,7 +126,11 @@ class OpenBag:
         return text
 
     def _recorded(self, topics: Collection[str]) -> Iterable[Any]:
-        """Return connection, time [ns] and raw message of all messages on topics, in order."""
+        """Return connection, time [ns] and raw message of all messages on topics.
+
+        They are in the order of the file, as far as it has one: by their times, one could not see
+        that a clock was set.
+        """
         wanted_connections = []
         for connection in self._reader.connections:
             if connection.topic in topics:
@@ -122,7 +138,19 @@ class OpenBag:
         # Without connections, rosbags would return every message.
         if not wanted_connections:
             return ()
-        return self._reader.messages(wanted_connections)
+        messages = self._reader.messages(wanted_connections)
+        places = []
+        for connection in wanted_connections:
+            # Bags of ROS 1 have an index of places in the file.
+            places += getattr(connection.owner, "indexes", {}).get(connection.id, ())
+        places.sort(key=attrgetter("time"))
+        order = sorted(range(len(places)), key=lambda row: places[row][1:])
+        times = np.array([places[row].time for row in order], np.int64)
+        # As a rule the order is that of time, but for some milliseconds.
+        if (np.diff(times) > -BACK_NS).all():
+            return messages
+        in_order_of_time = list(messages)
+        return [in_order_of_time[row] for row in order]
 
 
 @contextmanager
@@ -139,15 +167,19 @@ def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
         # A ROS 2 bag without message definitions has those of this release.
         typestore = get_typestore(Stores.ROS2_HUMBLE)
         with reading(path), AnyReader([Path(path)], default_typestore=typestore) as reader:
-            bag = OpenBag(reader, Path(path).name)
+            # A name that is not UTF-8 is shown in answers and on pages.
+            bag = OpenBag(reader, os.fsencode(Path(path).name).decode(errors="replace"))
             if not bag.types:
                 raise ApplrError("the bag holds no messages; record the drive again")
             yield bag
     except FileError as error:
         message = str(error)
         cause = error.__cause__
+        active_path = Path(f"{path}.active")
         if Path(path).name.endswith(ACTIVE_SUFFIX):
-            message += ": if its recording was cut short, rename it to .bag, run rosbag reindex"
+            message += f": {CUT_SHORT}"
+        elif active_path.exists():
+            message += f"; there is {active_path.name}: {CUT_SHORT}"
         elif isinstance(cause, AnyReaderError) and "index" in str(cause):
             message += ": if its recording was cut short, run rosbag reindex"
         raise BagError(message) from error
@@ -175,15 +207,23 @@ def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     """
     remedy = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
     bags: List[Path] = []
+    left_out: List[str] = []
     for given_path in map(Path, paths):
         if not given_path.exists():
             raise BagError(f"{given_path}: there is no such file or folder: {remedy}")
         if given_path.is_file() or (given_path / METADATA).exists():
             bags.append(given_path)
-        else:
-            bags += filter(_is_bag, sorted(given_path.rglob("*")))
+            continue
+        for path in sorted(given_path.rglob("*")):
+            if _is_bag(path):
+                bags.append(path)
+            elif Path(path.stem).suffix in BAG_SUFFIXES and path.suffix in UNREAD_SUFFIXES:
+                left_out.append(f"{path}: left out: {UNREAD_SUFFIXES[path.suffix]}")
     if not bags:
-        raise BagError(f"{', '.join(map(str, paths))}: no bags there: {remedy}")
+        problems = left_out or [f"{', '.join(map(str, paths))}: no bags there: {remedy}"]
+        raise BagError("; ".join(problems))
+    for problem in left_out:
+        _LOGGER.warning(problem)
     return bags
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, DrivenToGoal
 from applr_ros1.drives.end_reasons import ODOMETRY_ARRIVED, in_full, wheel_slip
+from applr_ros1.planner.dwa.planner import VELOCITY_LIMITS
 from applr_ros1.why.reasons import blocked, no_plan
 from applr_ros1.why.stretch import Stretch, first_of
 
@@ -52,9 +53,12 @@ def refused(stretch: Stretch) -> str:
         rejected.update(critics)
     del rejected["samples"]  # It counts the velocities themselves.
     critic = rejected.most_common(1)[0][0]
+    cause = f"the critic {critic}"
+    if critic == VELOCITY_LIMITS:
+        cause = "its velocity limits (min_vel_trans, min_vel_theta, max_vel_trans)"
     return (
         f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, "
-        f"mostly by {critic}"
+        f"mostly because of {cause}"
     )
 
 

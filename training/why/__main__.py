@@ -42,7 +42,7 @@ with extra(__name__):
     )
     from training.why.remedies import driven_trials, possible_guesses
     from training.why.replayed import replay_in
-    from training.why.seen_world import seen_grid, write_map
+    from training.why.seen_world import MAP_RESOLUTION_M, seen_grid, write_map
     from training.workers.pool import Pool
     from worlds.map_reader import read_map
 
@@ -105,12 +105,13 @@ def run(options: WhyOptions) -> None:
                 f"{problem}; ask about one bag, drives are compared by replays"
             ) from None
         values = answer_of(problem.diagnosis).values()
+        _print_notes(bag_paths[0], values["notes"])
         _print(values, options)
         _name_unused(options)
         return
     first_replay, *other_replays = replays
     if options.map:
-        write_map(seen_grid(first_replay.recording), options.map)
+        write_map(seen_grid(first_replay.recording, MAP_RESOLUTION_M), options.map)
     diagnosis = diagnose(first_replay, options.at, described_in(bag_paths[0]))
     guesses = possible_guesses(diagnosis)
     answer = answer_of(diagnosis, guesses)
@@ -190,10 +191,14 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
     """Return the replay of the drive in a bag, with its progress and notes on stderr."""
     watch: Watch = partial(tqdm, desc=path.name, leave=False, disable=None)
     replay = replay_in(path, options, watch)
-    # On stderr, so that --json prints nothing but the object
-    for note in replay.drive.notes:
-        print(f"{path}: {note}", file=sys.stderr)
+    _print_notes(path, replay.drive.notes)
     return replay
+
+
+def _print_notes(path: Path, notes: Iterable[str]) -> None:
+    """Print notes on a drive on stderr, so that --json prints nothing but the object."""
+    for note in notes:
+        print(f"{path}: {note}", file=sys.stderr)
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

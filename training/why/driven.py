@@ -25,11 +25,15 @@ def with_trials(answer: Answer, trials: Optional[WholeDriveTrials]) -> Answer:
         if tried.candidate.changes == answer.guess:
             answer = replace(answer, guess=())
     stops = stops_near(trials.recorded, answer)
-    stops_in_words = "stops there, too" if stops else "does not stop there"
+    result_in_words = "stops there, too" if stops else "does not stop there"
+    # In such a world, other values fail or help for reasons that the recorded drive did not have.
+    if not comes_as_far(trials.recorded, answer):
+        trials = trials._replace(remedy=None)
+        result_in_words = "does not come as far as it did, so no advice rests on what was driven"
     deciding_in_words = "with the recorded values"
     if trials.policy_decided:
         deciding_in_words = "with its policy, which made the recorded decisions"
-    simulated = f"simulated {deciding_in_words}, the robot {stops_in_words}"
+    simulated = f"simulated {deciding_in_words}, the robot {result_in_words}"
     return replace(
         answer,
         advice=_advice(answer, trials),
@@ -44,8 +48,8 @@ def _advice(answer: Answer, trials: WholeDriveTrials) -> List[str]:
     remedy = trials.remedy
     if remedy is not None:
         return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]
-    seeds_in_words = " with each seed" if trials.judged else ""
-    advice = f"Nothing that was tried helped{seeds_in_words}."
+    clearly = " clearly" if trials.judged else ""
+    advice = f"Nothing that was tried helped{clearly}."
     if answer.guess:
         advice += f" {guess_in_words(answer.guess[0])}"
     return [advice]
@@ -66,6 +70,20 @@ def stops_near(tried: Tried, answer: Answer) -> bool:
         moved_distances = distances(end_places, begin_places)
         stop_places = begin_places[moved_distances < STOPS_M]
         if (distances(stop_places, np.array(answer.told.place)) <= reach).any():
+            return True
+    return False
+
+
+def comes_as_far(tried: Tried, answer: Answer) -> bool:
+    """Return whether one of the simulated drives comes as near to the goal as the recorded one."""
+    goal = np.array(answer.goal)
+    track = np.array(answer.track)
+    # On its way to another goal, the robot may have passed this one.
+    pursuing = track[track[:, 0] >= answer.told.begin]
+    recorded_distance = distances(pursuing[:, 1:3], goal).min()
+    farthest = recorded_distance + SAME_PLACE_M * answer.scale
+    for drive in tried.drives:
+        if drive.success or distances(drive.path[:, 1:], goal).min() <= farthest:
             return True
     return False
 

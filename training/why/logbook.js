@@ -169,7 +169,8 @@ function stopRow(n) {
   const stop = D.events[n];
   const link = D.links[n];
   const when = `${stop.bag}, ${fixed(stop.begin, 1)} s`;
-  const reason = stop.reason ? `${stop.kind}, because ${stop.reason}` : stop.kind;
+  const because = stop.is_guessed ? "perhaps because" : "because";
+  const reason = stop.reason ? `${stop.kind}, ${because} ${stop.reason}` : stop.kind;
   return make(
     "tr",
     {},

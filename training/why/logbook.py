@@ -22,12 +22,15 @@ from training.workers.pool import Pool
 
 DATED_S = 946_684_800.0  # 2000: an earlier clock is that of a simulation [s]
 OVERLAP = 0.5  # share of the shorter of two stops from which on both are one stop in two bags
-# Median distance of the places of two simulated drives at the same times up to which they are one
-# [m]. Places between those of a track may differ by a centimetre.
+# Distance of the places of two drives at the same times up to which they are one [m], most of the
+# time. Places between those of a track may differ by a centimetre.
 ONE_DRIVE_M = 0.02
+MOST_OF_TIME = 0.9
+MOVED_M = 0.2  # way from which on a track is one of its own [m]
 SHORTEST_S = 5.0  # time in both bags below which nothing is known [s]
 CELL_M = 0.2  # edge of the cells by which odometry frames are compared [m]
 ALIKE = 0.5  # share of the cells in the part that both drives saw from which on their frames agree
+BESIDE = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
 FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
 
 # Shows the progress of a loop, given its items, the number of all items and of those done before.
@@ -141,7 +144,9 @@ def logbook_of(
     stops = stops_of(bags)
     stop_count = sum(len(bag.answer.events) for bag in bags)
     if len(stops) < stop_count:
-        notes.append(f"{stop_count - len(stops)} stops are in two bags: they are counted once")
+        double_count = stop_count - len(stops)
+        stops_are = "stop is" if double_count == 1 else "stops are"
+        notes.append(f"{double_count} {stops_are} in two bags: counted once")
     logbook = Logbook(bags, stops, places_of(stops), notes)
     notes += notes_of_robots(logbook)
     return logbook
@@ -239,34 +244,31 @@ def _is_same(stop: LoggedStop, other: LoggedStop) -> bool:
     overlap = min(stop.end, other.end) - max(stop.begin, other.begin)
     if overlap <= OVERLAP * min(stop.end - stop.begin, other.end - other.begin):
         return False
-    if stop.is_dated and other.is_dated:
-        return _is_one_place(stop, other)
-    # Simulated drives begin at the same time, and often at the same place.
     return _is_one_drive(stop.bag.answer, other.bag.answer)
 
 
-def _is_one_place(stop: LoggedStop, other: LoggedStop) -> bool:
-    """Return whether two stops of robots of one name are at one place, of one robot then."""
-    if stop.bag.answer.frame != other.bag.answer.frame:
-        return False
-    distance = math.dist(stop.position, other.position)
-    return distance <= stop.bag.answer.length
-
-
 def _is_one_drive(answer: Answer, other: Answer) -> bool:
-    """Return whether two bags have the same drive, as far as both have it."""
-    track = np.array(answer.track)
-    other_track = np.array(other.track)
+    """Return whether two bags have the same drive, as far as both have it.
+
+    Robots of one name may stand at the same time, each where its own odometry began: then what the
+    laser saw must be the same, too.
+    """
+    track = np.reshape(answer.track, (-1, 4))
+    other_track = np.reshape(other.track, (-1, 4))
     times = answer.begin + track[:, 0]
     other_times = other.begin + other_track[:, 0]
-    if min(times[-1], other_times[-1]) - max(times[0], other_times[0]) < SHORTEST_S:
+    first_time = max(times.min(initial=np.inf), other_times.min(initial=np.inf))
+    last_time = min(times.max(initial=-np.inf), other_times.max(initial=-np.inf))
+    if last_time - first_time < SHORTEST_S:
         return False
-    in_both = (times >= other_times[0]) & (times <= other_times[-1])
-    x, y = answer.placed(track[in_both, 1:3]).T
-    other_x, other_y = other.placed(other_track[:, 1:3]).T
-    apart_x = x - np.interp(times[in_both], other_times, other_x)
-    apart_y = y - np.interp(times[in_both], other_times, other_y)
-    return bool(np.median(np.hypot(apart_x, apart_y)) <= ONE_DRIVE_M)
+    in_both = (times >= first_time) & (times <= last_time)
+    x, y = track[in_both, 1:3].T
+    apart_x = x - np.interp(times[in_both], other_times, other_track[:, 1])
+    apart_y = y - np.interp(times[in_both], other_times, other_track[:, 2])
+    if np.quantile(np.hypot(apart_x, apart_y), MOST_OF_TIME) > ONE_DRIVE_M:
+        return False
+    has_moved = math.hypot(np.ptp(x), np.ptp(y)) > MOVED_M
+    return has_moved or _alike(_cells(answer), _cells(other)) == 1
 
 
 def places_of(stops: Sequence[LoggedStop]) -> List[List[LoggedStop]]:
@@ -294,23 +296,31 @@ def places_of(stops: Sequence[LoggedStop]) -> List[List[LoggedStop]]:
 def set_floors(bags: Sequence[LoggedBag]) -> None:
     """Give bags in one frame the same floor.
 
-    A map's frame is shared by its name. Odometry begins anew at each start of a robot: two of its
-    frames are one only if the laser saw the same there.
+    Maps of two floors may have one name, and odometry begins anew at each start of
+    a robot. Two frames are one if the laser saw the same there, and those of a map also if nothing
+    speaks against it.
     """
-    cells_of_bags = [_cells(bag.answer) for bag in bags]
-    floor_count = 0
-    for number, bag in enumerate(bags):
-        bag.floor = floor_count
-        for earlier_number, earlier in enumerate(bags[:number]):
-            is_known = bag.answer.frame == earlier.answer.frame
-            is_known &= bag.answer.is_shared == earlier.answer.is_shared
-            if is_known and not bag.answer.is_shared:
-                is_known = _agree(cells_of_bags[number], cells_of_bags[earlier_number])
-            if is_known:
-                bag.floor = earlier.floor
+    floors: List[List[LoggedBag]] = []
+    cells_of = {id(bag): _cells(bag.answer) for bag in bags}
+    for bag in bags:
+        best_floor = None
+        for number, floor in enumerate(floors):
+            answer = floor[0].answer
+            if (answer.frame, answer.is_shared) != (bag.answer.frame, bag.answer.is_shared):
+                continue
+            likenesses = [_alike(cells_of[id(bag)], cells_of[id(other)]) for other in floor]
+            if min(likenesses) < 0:
+                continue
+            if max(likenesses) > 0:
+                best_floor = number
                 break
-        if bag.floor == floor_count:
-            floor_count += 1
+            if bag.answer.is_shared and best_floor is None:
+                best_floor = number
+        if best_floor is None:
+            best_floor = len(floors)
+            floors.append([])
+        floors[best_floor].append(bag)
+        bag.floor = best_floor
 
 
 def _cells(answer: Answer) -> np.ndarray:
@@ -319,17 +329,24 @@ def _cells(answer: Answer) -> np.ndarray:
     return cells
 
 
-def _agree(cells: np.ndarray, others: np.ndarray) -> bool:
-    """Return whether two drives saw the same in the part of the plane that both saw."""
+def _alike(cells: np.ndarray, others: np.ndarray) -> int:
+    """Return 1 if two drives saw the same in the part of the plane that both saw, -1 if not.
+
+    0 if too little is there to compare. Cells beside each other are the same: a drive is placed in
+    a map as well as it was localised.
+    """
     if not len(cells) or not len(others):
-        return False
+        return 0
     lowest = np.maximum(cells.min(axis=0), others.min(axis=0))
     highest = np.minimum(cells.max(axis=0), others.max(axis=0))
     parts = []
     for drive_cells in (cells, others):
         is_inside = (drive_cells >= lowest).all(axis=1) & (drive_cells <= highest).all(axis=1)
-        parts.append(set(map(tuple, drive_cells[is_inside].tolist())))
+        parts.append(drive_cells[is_inside])
     smaller, larger = sorted(parts, key=len)
     if len(smaller) < FEWEST_CELLS:
-        return False
-    return len(smaller & larger) >= ALIKE * len(smaller)
+        return 0
+    beside = larger[:, None] + BESIDE
+    known = set(map(tuple, beside.reshape(-1, 2).tolist()))
+    same_count = sum(tuple(cell) in known for cell in smaller.tolist())
+    return 1 if same_count >= ALIKE * len(smaller) else -1

@@ -131,11 +131,11 @@ def _change_in_words(change: CommonChange) -> str:
     trials = change.trials
     course_count = len(change.bags)
     if trials.remedy is None:
-        seeds_in_words = " with each seed and in each world" if trials.judged else ""
+        clearly = " clearly and in each world" if trials.judged else ""
         worlds_in_words = f"worlds of the worst {course_count:,} stops"
         if course_count == 1:
             worlds_in_words = "world of the worst stop"
-        return f"Nothing that was tried in the {worlds_in_words} helped{seeds_in_words}."
+        return f"Nothing that was tried in the {worlds_in_words} helped{clearly}."
     helped_count = sum(change.helped)
     saved = 0.0
     for gain, is_helped in zip(change.gains, change.helped):

@@ -35,5 +35,12 @@ def drive_page(values: Dict[str, Any], body: str = "") -> Page:
         scripts=SCRIPTS,
         data=values,
         body=body,
-        measured=[values["sure"], *values["notes"], REPLAYED, *driven_notes],
+        measured=[
+            values["sure"],
+            *filter(None, [values["seen"]]),
+            *values["unseen"],
+            *values["notes"],
+            REPLAYED,
+            *driven_notes,
+        ],
     )

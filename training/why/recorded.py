@@ -11,9 +11,8 @@ from applr_ros1.why.black_box.description import TOPIC, DescribedRobot, describe
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.outside import (
     NO_PLAN,
-    OTHER_PLANNER,
-    is_other_planner,
     seen_from_outside,
+    unknown_to_replay,
 )
 from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.recording import Recording
@@ -77,13 +76,16 @@ def with_description(path: Path, options: SomeOptions) -> SomeOptions:
     return options.model_copy(update=update)
 
 
-def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) -> Recording:
+def recording_of(
+    path: Path, options: RecordedOptions, planner: Optional[RerunPlanner]
+) -> Recording:
     """Read the drive in a bag, with columns that fit on each other.
 
     Args:
         path: The bag.
         options: Robot and names of topics.
-        planner: Planner of the robot, which cuts the global planner's plans.
+        planner: Planner of the robot, which cuts the global planner's plans; None if it is not
+            replayed.
 
     Raises:
         NotReplayedError: A local planner drove that is not replayed, or the global planner found no
@@ -98,14 +100,13 @@ def recording_of(path: Path, options: RecordedOptions, planner: RerunPlanner) ->
         # Topics that are options are not looked for.
         types = bag.types
         names = names_in(types, options.topics(), options.given_topics())
-        drive = with_planned(bag.drive(robot, names, (*CHANNELS, "contacts")))
+        drive = with_planned(bag.drive(robot, names, (*CHANNELS, "contacts"), is_one=True), robot)
         # The black box records all plans, so that none was found if its bag has none.
         has_recorded_plans = bool(drive.plans or drive.routes) or TOPIC in types
-        if is_other_planner(drive, robot):
-            note = OTHER_PLANNER
-        elif has_recorded_plans and not has_plan(drive):
+        note = unknown_to_replay(drive, robot, types)
+        if not note and has_recorded_plans and not has_plan(drive):
             note = NO_PLAN
-        else:
+        if not note:
             return recording_from(drive, names, types, planner, robot, is_given)
     # Outside the block, whose errors would become others without the drive
     if drive.odometry is None:

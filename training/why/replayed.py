@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Optional
 
 from applr_ros1.policy import methods
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
+from applr_ros1.why.limits import REPLAYED
 from applr_ros1.why.replay import Replay, Watch, replay_of
 from applr_ros1.why.rerun import RerunPlanner, with_meter_scoring
 from training.why.recorded import RecordedOptions, recording_of
@@ -28,7 +30,9 @@ def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Repl
         ApplrError: The bag cannot be read, or no command can be replayed.
     """
     # A robot whose files are wrong is reported before a long bag is read.
-    planner = RerunPlanner(options.robot)
+    planner: Optional[RerunPlanner] = None
+    if options.robot.local_planner in REPLAYED:
+        planner = RerunPlanner(options.robot)
     replay = replay_of(recording_of(path, options, planner), planner, watch)
     return with_likely_robot(replay, watch)
 

@@ -236,7 +236,8 @@ function show(n) {
     mark.setAttribute("aria-pressed", row % D.events.length === event),
   );
   eventTitle.textContent = `Event ${event + 1}: ${chosen.title}`;
-  eventReason.textContent = chosen.reason ? `Because ${chosen.reason}.` : "";
+  const because = chosen.is_guessed ? "Perhaps because" : "Because";
+  eventReason.textContent = chosen.reason ? `${because} ${chosen.reason}.` : "";
   momentRow.hidden = chosen.cycles.length < 2;
   detail.hidden = costs.hidden = !cycle;
   if (!cycle) return;

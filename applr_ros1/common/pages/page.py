@@ -67,7 +67,8 @@ class Page:
         page_html = re.sub(
             "@([A-Z]+)@", lambda mark: replacements[mark.group(1)], _text("page.html")
         )
-        return page_html.encode()
+        # Names of files need not be UTF-8.
+        return page_html.encode(errors="replace")
 
 
 def _text(name: str) -> str:

@@ -51,6 +51,7 @@ from applr_ros1.why.black_box.description import (
     driving,
     nobody_publishes,
     unknown_robot,
+    unwatched,
 )
 from applr_ros1.why.black_box.folder import StopFolder, moment
 from applr_ros1.why.black_box.ring import Ring
@@ -156,8 +157,9 @@ class BlackBoxNode:
             self._problem = f"waiting for {names.move_base}: no node of that name"
             return
         names = names_beside(move_base, all_types, names, self._given)
+        sources = sources_of(types, names, CHANNELS)
         silent_topics = unpublished(move_base, names, types)
-        self._problem = nobody_publishes(silent_topics)
+        self._problem = nobody_publishes(silent_topics) or unwatched(sources, names)
         found = (names, silent_topics, address)
         if self._box is None or found != self._described_as:
             try:
@@ -166,7 +168,7 @@ class BlackBoxNode:
                 self._problem = f"{names.move_base}: {one_line(problem)}"
                 return
             self._described_as = found
-        for topic, source in sources_of(types, names, CHANNELS).items():
+        for topic, source in sources.items():
             if topic not in self._subscribers:
                 self._subscribers[topic] = self._subscribed(topic, source)
 

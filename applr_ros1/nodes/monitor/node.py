@@ -131,9 +131,7 @@ class CollisionMonitorNode:
             with self._lock:
                 try:
                     self._take_scans()
-                    self._broadcaster.broadcast(
-                        self._clock.now, self.monitor.matched_frame.correction
-                    )
+                    self._broadcaster.broadcast(self._clock.now, self.monitor.matcher.correction)
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)
@@ -280,9 +278,9 @@ class CollisionMonitorNode:
         self._commands.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         # The frame must not jump for a planner that drives in it.
-        correction = self.monitor.matched_frame.correction
+        correction = self.monitor.matcher.correction
         self.monitor.reset()
-        self.monitor.matched_frame.correction = correction
+        self.monitor.matcher.correction = correction
         reason = f"the monitor failed: {problem!r}; please report it"
         self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 
@@ -320,6 +318,7 @@ class CollisionMonitorNode:
         values = {
             "action": verdict.action,
             "scale": f"{verdict.scale:.2f}",
+            "matching": self.monitor.matcher.report,
             "remembered": len(self.monitor.memory.points),
             **self._reports.counts,
             **self.sensors.ages(now),

@@ -157,7 +157,8 @@ class Viewer:
         odometry = self.listener.latest(self._robot.topics.odometry, Odometry)
         speed = 0.0
         if odometry is not None:
-            speed = odometry.twist.twist.linear.x
+            linear = odometry.twist.twist.linear
+            speed = math.copysign(math.hypot(linear.x, linear.y), linear.x)
         goal_status = panel.goal_status(self.listener)
         is_driving = goal_status is not None and goal_status.status in UNDER_WAY
         self.panel.show_state()

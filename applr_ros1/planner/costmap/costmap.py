@@ -9,50 +9,32 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.scan import PointCloud, Source
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import (
     FREE,
     UNKNOWN,
     Bounds,
+    Geometry,
     Window,
     clipped_cell,
     roll,
     union,
     world_to_map,
 )
-from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
-from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
-from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap, StaticParameters
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer
+from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap
 
 Layer = Union[StaticLayer, ObstacleLayer, InflationLayer]
 NOTHING = (1e30, 1e30, -1e30, -1e30)  # empty bounds [m]
 REMEMBERED = 64  # number of changes that changed_since() tells apart
-
-
-@dataclass
-class LayerDescription:
-    """Description of one layer of a costmap.
-
-    Attributes:
-        name: name in the parameter files.
-        parameters: settings of the layer.
-        sources: observation sources of an obstacle layer.
-        default: value of cells that an obstacle layer has not observed, 0 or 255; None for the
-            costmap's default.
-    """
-
-    name: str
-    parameters: Union[StaticParameters, ObstacleParameters, InflationParameters]
-    sources: Sequence[Source] = ()
-    default: Optional[int] = None
 
 
 class Costmap:
@@ -72,9 +54,7 @@ class Costmap:
         rolling: whether the map moves with the robot.
         footprint: padded vertices (n, 2) [m].
         track_unknown: whether cells are unknown until a layer observes them.
-        obstacles, inflation: settings of the default layers: an obstacle layer with one laser below
-            an inflation layer.
-        layers: layers from the lowest to the highest, in place of the default ones.
+        layers: layers from the lowest to the highest.
     """
 
     def __init__(
@@ -82,13 +62,11 @@ class Costmap:
         size_x_m: float,
         size_y_m: float,
         resolution: float,
-        origin: Sequence[float] = (0.0, 0.0),
-        rolling: bool = False,
-        footprint: Union[np.ndarray, Sequence[Sequence[float]]] = (),
-        track_unknown: bool = False,
-        obstacles: Optional[ObstacleParameters] = None,
-        inflation: Optional[InflationParameters] = None,
-        layers: Optional[Sequence[LayerDescription]] = None,
+        origin: Sequence[float],
+        rolling: bool,
+        footprint: np.ndarray,
+        track_unknown: bool,
+        layers: Sequence[Layer],
     ):
         self.rolling = bool(rolling)
         self.default = UNKNOWN if track_unknown else FREE
@@ -98,13 +76,7 @@ class Costmap:
         self._changes: Deque[Window] = deque(maxlen=REMEMBERED)
         self._allocate(size_x_m, size_y_m, resolution, origin)
 
-        # The default layers are those of the Jackal.
-        if layers is None:
-            layers = (
-                LayerDescription("obstacles_layer", obstacles or ObstacleParameters(), (Source(),)),
-                LayerDescription("inflater_layer", inflation or InflationParameters()),
-            )
-        self.layers: List[Layer] = [self._make_layer(layer) for layer in layers]
+        self.layers = layers
         self.static_layers: List[StaticLayer] = []
         self.obstacle_layers: List[ObstacleLayer] = []
         self.inflation_layers: List[InflationLayer] = []
@@ -115,6 +87,7 @@ class Costmap:
                 self.obstacle_layers.append(layer)
             else:
                 self.inflation_layers.append(layer)
+        self._match_layers()
         self.set_footprint(footprint)
 
     def _allocate(
@@ -135,29 +108,6 @@ class Costmap:
         # Cells before inflation, valid around the last window.
         self._base = np.zeros((rows, columns), np.uint8)
 
-    def _make_layer(self, description: LayerDescription) -> Layer:
-        """Return the layer that a description asks for, of the size of the map."""
-        columns, rows = self.size
-        layer_name = description.name
-        parameters = description.parameters
-        if isinstance(parameters, InflationParameters):
-            return InflationLayer(columns, rows, self.resolution, parameters, layer_name)
-        if isinstance(parameters, StaticParameters):
-            layer = StaticLayer(self.rolling, parameters, layer_name)
-            layer.match_size(columns, rows, self.resolution, self.origin)
-            return layer
-        return ObstacleLayer(
-            columns,
-            rows,
-            self.resolution,
-            self.origin,
-            self.rolling,
-            self.default if description.default is None else description.default,
-            parameters,
-            description.sources,
-            layer_name,
-        )
-
     def resize(
         self, size_x_m: float, size_y_m: float, resolution: float, origin: Sequence[float]
     ) -> None:
@@ -172,11 +122,9 @@ class Costmap:
             self._match_layers()
 
     def _match_layers(self) -> None:
-        columns, rows = self.size
+        geometry = Geometry(*self.size, self.resolution, self.origin, self.rolling)
         for layer in self.layers:
-            layer.match_size(columns, rows, self.resolution, self.origin)
-            if isinstance(layer, StaticLayer):
-                layer.reset_cells()
+            layer.match_size(geometry)
         self._changed(self._whole)
 
     @property
@@ -184,17 +132,7 @@ class Costmap:
         columns, rows = self.size
         return 0, 0, columns, rows
 
-    @property
-    def obstacles(self) -> ObstacleLayer:
-        """The lowest obstacle layer."""
-        return self.obstacle_layers[0]
-
-    @property
-    def inflation(self) -> InflationLayer:
-        """The lowest inflation layer."""
-        return self.inflation_layers[0]
-
-    def set_footprint(self, footprint: Union[np.ndarray, Sequence[Sequence[float]]]) -> None:
+    def set_footprint(self, footprint: np.ndarray) -> None:
         """Set the padded footprint (n, 2) [m]; the next update inflates the whole map."""
         self.footprint = np.array(footprint, dtype=np.float64).reshape(-1, 2)
         self.inscribed_radius, self.circumscribed_radius = footprints.radii(self.footprint)
@@ -207,15 +145,11 @@ class Costmap:
         layer.configure(replace(layer.parameters, **values))
 
     def set_map(self, topic: str, static_map: StaticMap) -> None:
-        """Give a map to the static layers that subscribe to its topic.
+        """Give a checked map to the static layers that subscribe to its topic.
 
         A costmap that does not roll takes the map's size, resolution and origin, and is empty until
         its next update.
-
-        Raises:
-            ApplrError: The map cannot be used.
         """
-        static_map = static_map.checked()
         for layer in self.static_layers:
             if layer.parameters.map_topic == topic and layer.accepts():
                 if not self.rolling:
@@ -242,10 +176,8 @@ class Costmap:
             if parameters.map_topic == topic and parameters.subscribe_to_updates:
                 layer.take_update(x, y, cells)
 
-    def update_costs(self, robot_pose: Sequence[float], scan: Optional[PointCloud] = None) -> None:
+    def update_costs(self, robot_pose: Sequence[float]) -> None:
         """Update layers and master for a pose (x, y [m], yaw [rad]).
-
-        A cloud is that of the first source, if it has a new one.
 
         Raises:
             ApplrError: The pose is not finite.
@@ -256,8 +188,6 @@ class Costmap:
                 "robot pose of a costmap update is (%g, %g, %g): give finite numbers" % (x, y, yaw)
             )
         pose = (x, y, yaw)
-        if scan is not None:
-            self.obstacles.cloud = scan
 
         # The master moves first, because the bounds of the layers refer to its new origin.
         if self.rolling:

@@ -111,7 +111,7 @@ def padded(values: Mapping[str, Any]) -> np.ndarray:
 
 
 def passing_radius(values: Mapping[str, Any]) -> float:
-    """Return the smallest inflation radius [m] that keeps plans out of gaps that are too narrow.
+    """Return the smallest inflation radius [m] that keeps plans out of gaps too narrow to pass.
 
     A smaller one marks no cell as inscribed, so navfn leads the robot's centre through every gap.
     Half a cell more, because the inflation counts whole cells.
@@ -183,6 +183,17 @@ def radii(vertices: np.ndarray) -> Tuple[float, float]:
             inscribed = min(inscribed, distance)
             circumscribed = max(circumscribed, distance)
     return inscribed, circumscribed
+
+
+@kernel
+def farthest(vertices: Data) -> float:
+    """Return the largest distance [m] of the vertices (n, 2) from the robot's centre."""
+    largest_square = 0.0
+    for i in range(vertices.shape[0]):
+        x = vertices[i, 0]
+        y = vertices[i, 1]
+        largest_square = max(largest_square, x * x + y * y)
+    return math.sqrt(largest_square)
 
 
 @kernel(error_model="numpy")

@@ -83,6 +83,16 @@ def size_in_meters(count: int, resolution: float) -> float:
     return (count - 1 + 0.5) * resolution
 
 
+class Geometry(NamedTuple):
+    """Size and place of a costmap, which its layers share."""
+
+    columns: int  # [cells]
+    rows: int
+    resolution: float  # [m]
+    origin: Data  # (2,), lower corner of cell (0, 0) [m], which moves with a rolling costmap
+    rolling: bool  # whether the costmap moves with the robot
+
+
 class Line(NamedTuple):
     """Line of cells between two cells, as base_local_planner/line_iterator.h walks it.
 

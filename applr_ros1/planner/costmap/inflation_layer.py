@@ -22,8 +22,10 @@ from applr_ros1.planner.costmap.grid import (
     LETHAL,
     UNKNOWN,
     Bounds,
+    Geometry,
     Window,
     cell_distance,
+    shift,
     union,
 )
 
@@ -76,34 +78,23 @@ class InflationLayer:
     Keeps cost tables and the spread, the costs around the obstacles of the last update.
     """
 
-    def __init__(
-        self,
-        columns: int,
-        rows: int,
-        resolution: float,
-        parameters: InflationParameters,
-        name: str = "inflater_layer",
-    ):
+    def __init__(self, name: str, parameters: InflationParameters):
         self.name = name
         self.parameters = parameters
         self.inscribed_radius = 0.0
         self.full_pass_due = False
         # The first pass covers everything, because it is united with these bounds.
         self._last_bounds = EVERYWHERE
-        self._allocate(columns, rows, resolution)
+        self._spread_window: Optional[Window] = None
 
-    def match_size(self, columns: int, rows: int, resolution: float, origin: Any) -> None:
-        """Adapt to the size of the costmap."""
-        self._allocate(columns, rows, resolution)
-
-    def _allocate(self, columns: int, rows: int, resolution: float) -> None:
-        """Allocate the spread and all scratch memory for a map of this size [cells, m]."""
-        self.resolution = float(resolution)
+    def match_size(self, geometry: Geometry) -> None:
+        """Allocate the spread and all scratch memory for a costmap of this size."""
+        columns, rows, self.resolution, _, _ = geometry
         self._columns = columns
         self._rows = rows
 
         # Window of the obstacles in the spread, None if the spread is empty.
-        self._spread_window: Optional[Window] = None
+        self._spread_window = None
         self._cost = np.zeros((rows + 2, columns + 2), np.uint8)
         self._allocate_spread(*brushfire.types_of(0))
 
@@ -188,25 +179,17 @@ class InflationLayer:
             return
 
         # Shift only the padded rows that the spread covers before or after the shift.
-        width = self._columns + 2
         first_row = min(bottom, bottom - shift_y) - self.reach + 1
         end_row = max(top, top - shift_y) + self.reach + 1
-        flat_shift = shift_y * width + shift_x
-        links = self._link.reshape(-1, width)
-        for grid, empty_value in ((self._level, self._none), (self._cost, 0), (links, 0)):
-            flat_rows = grid[first_row:end_row].reshape(-1)
-            if flat_shift > 0:
-                flat_rows[:-flat_shift] = flat_rows[flat_shift:]
-                flat_rows[-flat_shift:] = empty_value
-            else:
-                flat_rows[-flat_shift:] = flat_rows[:flat_shift].copy()
-                flat_rows[:-flat_shift] = empty_value
+        links = self._link.reshape(self._level.shape)
+        for values, empty_value in ((self._level, self._none), (self._cost, 0), (links, 0)):
+            shift(values[first_row:end_row], shift_x, shift_y, empty_value)
 
         # The padding moved along, into cells on both sides.
         levels = self._level[first_row:end_row]
         moved_columns = abs(shift_x)
         levels[:, 1 : moved_columns + 1] = self._none
-        levels[:, width - 1 - moved_columns :] = self._none
+        levels[:, self._columns + 1 - moved_columns :] = self._none
         levels[:, 0] = levels[:, -1] = brushfire.WALL
         self._spread_window = (left - shift_x, bottom - shift_y, right - shift_x, top - shift_y)
 

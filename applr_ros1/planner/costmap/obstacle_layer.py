@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from applr_ros1.planner.costmap.grid import (
     OVERWRITE,
     UNKNOWN,
     Bounds,
+    Geometry,
     Window,
     line_between,
     union,
@@ -65,12 +66,10 @@ class ObstacleLayer:
     """Obstacle layer with its own grid.
 
     Args:
-        columns, rows, resolution, origin: size [cells], resolution and origin [m] of the costmap.
-        rolling: whether the grid moves along with the robot.
-        default: value of unobserved cells, 0 or 255.
+        name: name of the layer in the parameter files.
         parameters: settings of the layer.
         sources: one source per entry of observation_sources, in the same order.
-        name: name of the layer in the parameter files.
+        default: value of unobserved cells, 0 or 255.
 
     Attributes:
         cells: (rows, columns) uint8 of 0, 254 and 255.
@@ -78,31 +77,21 @@ class ObstacleLayer:
     """
 
     def __init__(
-        self,
-        columns: int,
-        rows: int,
-        resolution: float,
-        origin: Any,
-        rolling: bool,
-        default: int,
-        parameters: ObstacleParameters,
-        sources: Sequence[Source] = (Source(),),
-        name: str = "obstacles_layer",
+        self, name: str, parameters: ObstacleParameters, sources: Sequence[Source], default: int
     ):
         self.name = name
         self.parameters = parameters
-        self.rolling = bool(rolling)
-        self.default = int(default)
+        self.default = default
         self.buffers = [ObservationBuffer(source) for source in sources]
         self._hits = np.empty(1024, np.int64)
         self._bounds = np.empty(4)
-        self.match_size(columns, rows, resolution, origin)
 
-    def match_size(self, columns: int, rows: int, resolution: float, origin: Any) -> None:
-        """Take size and origin of the costmap and empty the grid; the latest clouds are kept."""
-        self.resolution = float(resolution)
-        self.cells = np.full((rows, columns), self.default, np.uint8)
-        self.origin = np.array(origin, dtype=np.float64)
+    def match_size(self, geometry: Geometry) -> None:
+        """Take size and place of the costmap and empty the grid; the latest clouds are kept."""
+        self._rolling = geometry.rolling
+        self.resolution = geometry.resolution
+        self.cells = np.full((geometry.rows, geometry.columns), self.default, np.uint8)
+        self.origin = geometry.origin.copy()
         # Bounds of the area that a recovery has cleared since the last update.
         self._cleared_bounds: Optional[Bounds] = None
 
@@ -110,20 +99,10 @@ class ObstacleLayer:
         """Take new parameters; they take effect at the next update."""
         self.parameters = parameters
 
-    @property
-    def cloud(self) -> Optional[PointCloud]:
-        """Latest cloud of the first source; None before the first message."""
-        clouds = self.buffers[0].clouds
-        return clouds[0] if clouds else None
-
-    @cloud.setter
-    def cloud(self, cloud: PointCloud) -> None:
-        self.buffers[0].add_cloud(cloud, cloud.stamp)
-
     def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
         """Roll, clear and mark; return the bounds [m], widened to all possible changes."""
         x, y, _ = pose
-        if self.rolling:
+        if self._rolling:
             grid.roll(self.cells, self.origin, self.resolution, x, y, self.default)
 
         touched_bounds = self._bounds
@@ -139,26 +118,12 @@ class ObstacleLayer:
             self._observe(source, cloud, source.clearing, source.marking, touched_bounds)
         else:
             # All rays of all sources clear before any point marks.
-            for buffer in self.buffers:
-                if buffer.source.clearing:
-                    for cloud in buffer.clouds:
-                        self._observe(
-                            buffer.source,
-                            cloud,
-                            clearing=True,
-                            marking=False,
-                            touched=touched_bounds,
-                        )
-            for buffer in self.buffers:
-                if buffer.source.marking:
-                    for cloud in buffer.clouds:
-                        self._observe(
-                            buffer.source,
-                            cloud,
-                            clearing=False,
-                            marking=True,
-                            touched=touched_bounds,
-                        )
+            for clearing in (True, False):
+                for buffer in self.buffers:
+                    source = buffer.source
+                    if source.clearing if clearing else source.marking:
+                        for cloud in buffer.clouds:
+                            self._observe(source, cloud, clearing, not clearing, touched_bounds)
 
         if self.parameters.footprint_clearing_enabled:
             _touch_footprint(footprint, pose, touched_bounds)
@@ -193,23 +158,15 @@ class ObstacleLayer:
 
     def write(self, base: np.ndarray, window: Window, pose: Pose, footprint: np.ndarray) -> None:
         """Clear under the robot, then write the layer into the window of `base`."""
-        self.clear_footprint(pose, footprint)
-        if self.is_merging:
-            maximum = self.parameters.combination_method == MAXIMUM
-            grid.merge(self.cells, base, maximum, *window)
-
-    def clear_footprint(self, pose: Pose, footprint: np.ndarray) -> None:
-        """Free the cells under the robot if footprint_clearing_enabled is set."""
         if self.parameters.footprint_clearing_enabled:
             origin_x, origin_y = self.origin.tolist()
             fill_footprint(
                 self.cells, FREE, origin_x, origin_y, self.resolution, footprint, pose, True
             )
-
-    @property
-    def is_merging(self) -> bool:
-        """True unless an unknown combination_method keeps the layer out of the master."""
-        return self.parameters.combination_method in (OVERWRITE, MAXIMUM)
+        # Another combination_method keeps the layer out of the master.
+        method = self.parameters.combination_method
+        if method in (OVERWRITE, MAXIMUM):
+            grid.merge(self.cells, base, method == MAXIMUM, *window)
 
     def reset_cells(self) -> None:
         """Reset all cells to the default value. The next update marks the latest scan again."""

@@ -21,6 +21,7 @@ from applr_ros1.planner.costmap.grid import (
     LETHAL,
     UNKNOWN,
     Bounds,
+    Geometry,
     Window,
     merge,
     union,
@@ -106,9 +107,8 @@ class StaticLayer:
     """Static layer with a grid of costs that has the resolution and origin of the map.
 
     Args:
-        rolling: whether the costmap moves with the robot.
-        parameters: settings of the layer.
         name: name of the layer in the parameter files.
+        parameters: settings of the layer.
 
     Attributes:
         cells: (rows, columns) uint8 costs; None before the first map.
@@ -117,10 +117,9 @@ class StaticLayer:
             are the same. Only rolling costmaps use it, as in C++.
     """
 
-    def __init__(self, rolling: bool, parameters: StaticParameters, name: str = "static_layer"):
+    def __init__(self, name: str, parameters: StaticParameters):
         self.name = name
         self.parameters = parameters
-        self.rolling = bool(rolling)
         self.cells: Optional[np.ndarray] = None
         self.map_frame = ""
         self.placement: Optional[Pose] = None
@@ -132,14 +131,10 @@ class StaticLayer:
         """True until the first map arrives."""
         return self.cells is None
 
-    def match_size(self, columns: int, rows: int, resolution: float, origin: np.ndarray) -> None:
-        """Take the costmap's size and origin (2,) [m].
-
-        The array of the origin is shared and moves with the costmap.
-        """
-        self._master_size = (columns, rows)
-        self._master_origin = origin
-        self._master_resolution = float(resolution)
+    def match_size(self, geometry: Geometry) -> None:
+        """Take the costmap's size and place, and write the whole map again."""
+        self._master = geometry
+        self.reset_cells()
 
     def configure(self, parameters: StaticParameters) -> None:
         """Take new parameters; write the whole map again if `enabled` has changed."""
@@ -198,10 +193,11 @@ class StaticLayer:
         self._unwritten = None
         origin_x, origin_y = self.origin
         resolution = self.resolution
-        if self.rolling:
-            window = (0, 0, *self._master_size)
-            origin_x, origin_y = self._master_origin.tolist()
-            resolution = self._master_resolution
+        master = self._master
+        if master.rolling:
+            window = (0, 0, master.columns, master.rows)
+            origin_x, origin_y = master.origin.tolist()
+            resolution = master.resolution
         if window is None:
             return bounds
         # As in C++, from the centre of the first cell to that of the one after the last.
@@ -221,9 +217,10 @@ class StaticLayer:
         use_maximum = self.parameters.use_maximum
         # A rolling costmap shows a part of the map, cell by cell.
         # Another layer's map may have set the costmap's size.
-        if self.rolling or self.cells.shape != base.shape:
+        master = self._master
+        if master.rolling or self.cells.shape != base.shape:
             map_place = (*self.origin, self.resolution)
-            master_place = (*self._master_origin.tolist(), self._master_resolution)
+            master_place = (*master.origin.tolist(), master.resolution)
             placement = self.placement or (0.0, 0.0, 0.0)
             _write_part(self.cells, map_place, base, master_place, placement, use_maximum, window)
         elif use_maximum:

@@ -13,6 +13,7 @@ import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.costmap.footprint import farthest
 from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, final_distance, place
@@ -414,18 +415,8 @@ def probe_sample(
         return obstacle_cost
     speed = ground_speed(sample.vx, sample.vy)
     position_error, turn_error = arc_errors(start, speed, sample.w, p.sim_time, steps)
-    reach = _reach(scaled_footprint)
-    margin = (position_error + turn_error * reach) / scene.resolution + CELL_FORMULA
+    vertex_error = turn_error * farthest(scaled_footprint)
+    margin = (position_error + vertex_error) / scene.resolution + CELL_FORMULA
     arc = arc_from(start.x, start.y, heading, sample, dt)
     outline = outline_of(scene, scaled_footprint)
     return probe(outline, arc, steps - 1, SHORTEST_PART, margin, obstacle_cost, cost_limit)
-
-
-@kernel
-def _reach(footprint: Data) -> float:
-    """Return an upper bound of the vertices' distances from the centre [m]."""
-    largest_coordinate = 0.0
-    for i in range(footprint.shape[0]):
-        largest_coordinate = max(largest_coordinate, abs(footprint[i, 0]), abs(footprint[i, 1]))
-    # A vertex is at most sqrt(2) times as far as its larger coordinate.
-    return 2.0 * largest_coordinate

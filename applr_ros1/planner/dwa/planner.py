@@ -36,16 +36,13 @@ from applr_ros1.planner.sampling_planner import (
     Velocity,
     cost_cloud,
     floats,
+    follow_sample,
     start_record,
     trajectory_cloud,
 )
 
 NO_PLAN = np.zeros((0, 2))
-
-
-def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
-    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
-    roll_out(p, start_record(start), sample, points)
+VELOCITY_LIMITS = "velocity limits"  # name of the samples that no critic has seen
 
 
 class DWAPlanner(SamplingPlanner):
@@ -173,7 +170,7 @@ class DWAPlanner(SamplingPlanner):
             self._aligned_plan = self._scene.plan
         # The next cycle overwrites the record, so the choice keeps its values.
         start = self._scratch.start[0].item()
-        follow = partial(_follow, self._params[0], start, winner.sample)
+        follow = partial(follow_sample, roll_out, self._params[0], start, winner.sample)
         command = (winner.stored.vx, winner.stored.vy, winner.command_w)
         return CycleChoice(
             winner.cost, winner.stored, command, winner.steps, follow, sample=winner.number
@@ -211,14 +208,14 @@ class DWAPlanner(SamplingPlanner):
     def refusals(self) -> Dict[str, int]:
         """Count the last search's rejected samples by critic.
 
-        "velocity limits" are the samples that the generator rejected.
+        VELOCITY_LIMITS are the samples that the generator rejected.
         """
         samples = self.score_all_samples()
         is_rejected = (samples.counts > 0) & (samples.costs < 0)
         counts_by_critic = np.bincount(samples.ended[is_rejected], minlength=len(CRITICS))
         return {
             "samples": len(samples.costs),
-            "velocity limits": int((samples.counts == 0).sum()),
+            VELOCITY_LIMITS: int((samples.counts == 0).sum()),
             **{critic.term.name: int(count) for critic, count in zip(CRITICS, counts_by_critic)},
         }
 

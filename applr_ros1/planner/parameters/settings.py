@@ -109,9 +109,6 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         """Return the settings themselves, because they never change."""
         return self
 
-    def __repr__(self) -> str:
-        return f"Settings({self.to_tree()})"
-
     @classmethod
     def from_tree(cls, tree: Dict[str, Any]) -> Settings:
         """Return the values of all servers in a complete parameter tree (check.complete).

@@ -60,9 +60,6 @@ def pose_after(arc: Arc, moves: int) -> ArcPose:
     # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
     # several sides has the direction of the middle side, and by the law of sines it is as long as
     # sin(moves * half_turn) / sin(half_turn) sides.
-    # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
-    # several sides has the direction of the middle side, and by the law of sines it is as long as
-    # sin(moves * half_turn) / sin(half_turn) sides.
     half_turn = 0.5 * arc.turn
     half_cos, half_sin = small_turn(half_turn)
     middle_cos = math.cos((moves - 1) * half_turn)

@@ -29,7 +29,7 @@ from applr_ros1.planner.trajectory.records import (
     TrajectoryScene,
     TrajectoryScratch,
 )
-from applr_ros1.planner.trajectory.scoring import NO_CEILING, accelerated, step_count
+from applr_ros1.planner.trajectory.scoring import accelerated, step_count
 
 MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed forms err by 1e-10
 SHORTEST_PART = 8  # least number of moves between two probed poses
@@ -98,21 +98,6 @@ def ramp(
     return Ramp(moves, x, y, heading)
 
 
-@kernel
-def exact_end(p: Record, start: Record, sample: Velocity, steps: int) -> Tuple[float, float]:
-    """Return (x, y) of the last scored point, computed step by step as in scoring.score_below."""
-    dt = p.sim_time / steps
-    x = start.x
-    y = start.y
-    theta = start.theta
-    velocity = Velocity(start.vx, start.vy, start.w)
-    for _ in range(steps - 1):
-        velocity = accelerated(p, velocity, sample, dt)
-        x, y = scoring.advance(x, y, theta, heading_of(theta), velocity, dt)
-        theta = theta + velocity.w * dt
-    return x, y
-
-
 @kernel(error_model="numpy")
 def end_cell(
     p: Record, geometry: MapGeometry, start: Record, heading: Heading, sample: Velocity
@@ -136,7 +121,7 @@ def end_cell(
         x_at_border = on_border((x - origin_x) / resolution, MARGIN)
         is_sure = not (x_at_border or on_border((y - origin_y) / resolution, MARGIN))
     if not is_sure:
-        x, y = exact_end(p, start, sample, steps)
+        x, y, _ = scoring.last_point(p, start, sample)
     return world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
 
 
@@ -172,12 +157,12 @@ def best_forward(
         base_cost = base_costs[step.number]
         if step.is_exact:
             sample_score = scoring.score_below(
-                p, scene, grids, start, sample, NO_CEILING, base_cost, step.best_cost
+                p, scene, grids, start, sample, base_cost, step.best_cost
             )
             answer = sample_score.cost
         else:
             # A closer bound from a few poses, before the whole trajectory is rolled out
-            cost_limit = float(NO_CEILING)
+            cost_limit = HUGE
             if step.best_cost < HUGE:
                 cost_limit = (step.best_cost - base_cost) / p.occdist_scale + 1.0
             raised_cost = probe_sample(p, scene, start, heading, sample, obstacle_cost, cost_limit)

@@ -26,6 +26,7 @@ from applr_ros1.planner.sampling_planner import (
     Velocity,
     cost_cloud,
     floats,
+    follow_sample,
     start_record,
     trajectory_cloud,
 )
@@ -46,11 +47,6 @@ SCALES = {
     GOAL_TERM: "goal_scale",
     OBSTACLE_TERM: "occdist_scale",
 }
-
-
-def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
-    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
-    roll_out(p, start_record(start), sample, points)
 
 
 class TrajectoryPlanner(SamplingPlanner):
@@ -187,7 +183,7 @@ class TrajectoryPlanner(SamplingPlanner):
         command = (winner.command_vx, 0.0, winner.command_w)
         # The next cycle overwrites the record, so the choice keeps its values.
         start = self._scratch.start[0].item()
-        follow = partial(_follow, self._params[0], start, sample)
+        follow = partial(follow_sample, roll_out, self._params[0], start, sample)
         return CycleChoice(winner.cost, sample, command, winner.point_count, follow)
 
     def score(

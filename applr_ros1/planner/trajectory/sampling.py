@@ -17,9 +17,9 @@ import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint import fill_footprint
+from applr_ros1.planner.costmap.footprint import farthest, fill_footprint
 from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
-from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
+from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import (
     final_distance,
     place,
@@ -47,9 +47,7 @@ from applr_ros1.planner.trajectory.records import (
 )
 from applr_ros1.planner.trajectory.scoring import (
     COLLISION,
-    NO_CEILING,
     NO_PATH,
-    new_velocity,
     score_below,
 )
 
@@ -84,22 +82,13 @@ def _open_under_robot(
     fill_footprint(grids.within, 1, origin_x, origin_y, resolution, footprint, (x, y, yaw), False)
 
     # Only a square around the robot can have marked cells. The robot may be off the map.
-    half_width = int(min(_farthest(footprint) / resolution, float(columns + rows))) + 2
+    half_width = int(min(farthest(footprint) / resolution, float(columns + rows))) + 2
     cell_x = int(min(max((x - origin_x) / resolution, 0.0), columns - 1.0))
     cell_y = int(min(max((y - origin_y) / resolution, 0.0), rows - 1.0))
     for row in range(max(0, cell_y - half_width), min(rows, cell_y + half_width + 1)):
         for column in range(max(0, cell_x - half_width), min(columns, cell_x + half_width + 1)):
             if grids.within[row, column]:
                 grids.path.distance[place(grids.path, column, row)] = unseen_value
-
-
-@kernel
-def _farthest(footprint: Data) -> float:
-    """Return the largest distance [m] of the vertices (n, 2) from the robot's centre."""
-    largest_distance = 0.0
-    for i in range(footprint.shape[0]):
-        largest_distance = max(largest_distance, math.hypot(footprint[i, 0], footprint[i, 1]))
-    return largest_distance
 
 
 @kernel(error_model="numpy")
@@ -125,7 +114,6 @@ def best_in_place(
     rows, columns = scene.cells.shape
     wall_value = columns * rows  # grid value of an obstacle; larger ones are unreached
     nearest_ahead = HUGE
-    ceiling = -1
     for i in range(turn_rates.shape[0]):
         # Turns that are too slow, or barred because the robot has turned to and fro
         w = turn_rates[i]
@@ -137,7 +125,8 @@ def best_in_place(
         w = max(w, p.min_in_place_vel_theta) if w > 0 else min(w, -p.min_in_place_vel_theta)
 
         # A lower bound of the cost from the last point
-        x, y, theta = _end(p, start, w)
+        sample = Velocity(0.0, 0.0, w)
+        x, y, theta = scoring.last_point(p, start, sample)
         base_cost = 0.0
         if not p.simple_attractor and not p.heading_scoring:
             cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
@@ -156,37 +145,11 @@ def best_in_place(
         distance_ahead = _distance_ahead(p, scene, grids, x, y, theta, nearest_ahead)
         if not 0 <= distance_ahead < nearest_ahead:
             continue
-        if ceiling < 0:
-            ceiling = _surroundings(p, scene, start)
-        sample = Velocity(0.0, 0.0, w)
-        turn_score = score_below(
-            p, scene, grids, start, sample, ceiling, base_cost, best_sample.cost
-        )
+        turn_score = score_below(p, scene, grids, start, sample, base_cost, best_sample.cost)
         if 0 <= turn_score.cost <= best_sample.cost:
             best_sample = BestSample(turn_score.cost, 0.0, w, turn_score.point_count)
             nearest_ahead = float(distance_ahead)
     return best_sample
-
-
-@kernel(error_model="numpy")
-def _end(p: Record, start: Record, w: float) -> Triple:
-    """Return the exact (x, y, theta) of the last scored point of a turn, which brakes first."""
-    sample = Velocity(0.0, 0.0, w)
-    steps = scoring.step_count(p, sample)
-    dt = p.sim_time / steps
-    x = start.x
-    y = start.y
-    theta = start.theta
-    velocity = Velocity(start.vx, start.vy, start.w)
-    for _ in range(steps - 1):
-        # A robot that stands keeps its position, which saves most of the time here.
-        if velocity.vx != 0.0 or velocity.vy != 0.0:
-            velocity = scoring.accelerated(p, velocity, sample, dt)
-            x, y = scoring.advance(x, y, theta, heading_of(theta), velocity, dt)
-        else:
-            velocity = Velocity(0.0, 0.0, new_velocity(w, velocity.w, p.acc_lim_theta, dt))
-        theta = theta + velocity.w * dt
-    return x, y, theta
 
 
 @kernel
@@ -221,37 +184,6 @@ def _distance_ahead(
     if distance == wall_value and limit > wall_value:
         return final_distance(goal_grid, ahead_index)
     return distance
-
-
-WIDEST_REACH = 40  # largest radius around the robot that is searched for costs [cells]
-
-
-@kernel(error_model="numpy")
-def _surroundings(p: Record, scene: TrajectoryScene, start: Record) -> int:
-    """Return the largest cost of the cells that a turn in place can touch.
-
-    It is an upper bound of the cost of such a turn. The result is NO_CEILING, no bound, if one of
-    these cells is lethal, unknown or off the map, or if there are too many to search.
-    """
-    rows, columns = scene.cells.shape
-    # A turn in place brakes first, on a way of v^2 / (2 a) at most.
-    braking_x = start.vx * start.vx / (2 * p.acc_lim_x)
-    braking_y = start.vy * start.vy / (2 * p.acc_lim_y)
-    reach = (braking_x + braking_y + _farthest(scene.footprint)) / scene.resolution
-    if not reach < WIDEST_REACH:
-        return NO_CEILING
-    # One cell for the part that int() cuts off, one because the robot is anywhere in its cell.
-    half_width = int(reach) + 2
-    cell_x, cell_y = world_to_map(
-        start.x, start.y, scene.ox, scene.oy, scene.resolution, columns, rows
-    )
-    if min(cell_x, cell_y, columns - 1 - cell_x, rows - 1 - cell_y) < half_width:
-        return NO_CEILING
-    highest_cost = np.uint8(0)
-    for row in range(cell_y - half_width, cell_y + half_width + 1):
-        for column in range(cell_x - half_width, cell_x + half_width + 1):
-            highest_cost = max(highest_cost, scene.cells[row, column])
-    return int(highest_cost) if highest_cost < LETHAL else NO_CEILING
 
 
 class TrajectoryWinner(NamedTuple):
@@ -310,7 +242,7 @@ def find_best_path(
     is_legal = best_sample.point_count > 0
     if not is_legal:
         escape_velocity = Velocity(p.escape_vel, 0.0, 0.0)
-        escape_score = score_below(p, scene, grids, start, escape_velocity, NO_CEILING, 0.0, np.inf)
+        escape_score = score_below(p, scene, grids, start, escape_velocity, 0.0, np.inf)
         best_sample = BestSample(
             escape_score.cost, escape_velocity.vx, 0.0, escape_score.point_count
         )

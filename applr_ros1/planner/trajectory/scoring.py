@@ -19,6 +19,7 @@ from applr_ros1.planner.distance_grid import place, settle
 from applr_ros1.planner.sampling_planner import (
     Heading,
     Record,
+    Triple,
     Velocity,
     angle_difference,
     heading_of,
@@ -33,7 +34,6 @@ from applr_ros1.planner.trajectory.records import (
 COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reached
 PRUNED = -3.0  # cost of a sample whose scoring stopped because the sample cannot beat the best one
-NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
 
 
 class Score(NamedTuple):
@@ -95,6 +95,24 @@ def step_count(p: Record, sample: Velocity) -> int:
     return max(int(max(linear_steps, angular_steps) + 0.5), 1)
 
 
+@kernel(error_model="numpy")
+def last_point(p: Record, start: Record, sample: Velocity) -> Triple:
+    """Return the exact (x, y, theta) of the last point that score_below scores."""
+    steps = step_count(p, sample)
+    dt = p.sim_time / steps
+    x = start.x
+    y = start.y
+    theta = start.theta
+    velocity = Velocity(start.vx, start.vy, start.w)
+    for _ in range(steps - 1):
+        velocity = accelerated(p, velocity, sample, dt)
+        # A robot that turns in place keeps its position, which saves most of the time there.
+        if velocity.vx != 0.0 or velocity.vy != 0.0:
+            x, y = advance(x, y, theta, heading_of(theta), velocity, dt)
+        theta = theta + velocity.w * dt
+    return x, y, theta
+
+
 @kernel
 def terms(p: Record, path_distance: float, goal_distance: float) -> float:
     """Return the sum of the path and goal terms of a cost. The distances are in cells."""
@@ -106,7 +124,7 @@ def score(
     params: Data, scene: TrajectoryScene, grids: TrajectoryGrids, start: Record, sample: Velocity
 ) -> Score:
     """Return the score of one sample, see score_below. params: array of one record."""
-    return score_below(params[0], scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
+    return score_below(params[0], scene, grids, start, sample, 0.0, np.inf)
 
 
 @kernel(error_model="numpy")
@@ -116,7 +134,6 @@ def score_below(
     grids: TrajectoryGrids,
     start: Record,
     sample: Velocity,
-    ceiling: int,
     base_cost: float,
     bound: float,
 ) -> Score:
@@ -130,8 +147,6 @@ def score_below(
         grids: grids of this cycle, flooded further where the trajectory needs it.
         start: START record.
         sample: target velocity.
-        ceiling: upper bound of the costs under the footprint on its way, which saves tests;
-            NO_CEILING if unknown.
         base_cost: lower bound of the path and goal terms.
         bound: cost above which the sample cannot win.
     """
@@ -162,13 +177,12 @@ def score_below(
         heading = heading_of(theta)
 
         # Obstacle term: the largest cost under the outline or the centre on the whole way
-        if obstacle_cost < ceiling:
-            cost = outline_cost(outline, x, y, heading.cos, heading.sin, cell_x, cell_y, NO_MARGIN)
-            if cost < 0:
-                return Score(COLLISION, i, end_x, end_y, end_theta)
-            obstacle_cost = max(obstacle_cost, cost, int(cells[cell_y, cell_x]))
-            if base_cost + p.occdist_scale * obstacle_cost > bound:
-                return Score(PRUNED, i, end_x, end_y, end_theta)
+        cost = outline_cost(outline, x, y, heading.cos, heading.sin, cell_x, cell_y, NO_MARGIN)
+        if cost < 0:
+            return Score(COLLISION, i, end_x, end_y, end_theta)
+        obstacle_cost = max(obstacle_cost, cost, int(cells[cell_y, cell_x]))
+        if base_cost + p.occdist_scale * obstacle_cost > bound:
+            return Score(PRUNED, i, end_x, end_y, end_theta)
 
         # Path and goal terms: the last values count, but every point has to be reachable. With
         # heading_scoring, only one point is asked.
@@ -297,7 +311,7 @@ def score_all_samples(
             sample_number // turn_count,
             sample_number % turn_count,
         )
-        sample_score = score_below(p, scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
+        sample_score = score_below(p, scene, grids, start, sample, 0.0, np.inf)
         if sample_score.cost < 0:
             refused_counts[0 if sample_score.cost == COLLISION else 1] += 1
             continue

@@ -29,9 +29,8 @@ from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.events import Event, RobotStop
 from applr_ros1.why.explanation import has_turned
 from applr_ros1.why.outside import (
-    OTHER_PLANNER,
-    is_other_planner,
     seen_from_outside,
+    unknown_to_replay,
 )
 from applr_ros1.why.recorded import CHANNELS, recording_from, with_planned
 from applr_ros1.why.replay import replay_of
@@ -68,8 +67,8 @@ def answers_of(messages: Sequence[RawMessage], deserialize: Deserialize) -> Iter
     if told is None:
         diagnosis = _unseen(stop, drive, robot)
         diagnosis.note = NO_STOP
-    elif is_other_planner(drive, robot):
-        diagnosis.note = OTHER_PLANNER
+    else:
+        diagnosis.note = unknown_to_replay(drive, robot, _types(messages))
     outside_answer = replace(answer_of(diagnosis), first_kind=stop.kind)
     yield outside_answer
     if told is None or drive.odometry is None or diagnosis.note or box.unpublished:
@@ -124,9 +123,10 @@ def _drive(
             receive = partial(received, time, source, data, publication.md5sum, deserialized)
             calls.append((publication.topic, receive))
     received_messages = all_received(calls, "stop")
-    drive = drive_from(received_messages, described_robot.robot)
+    drive = drive_from(received_messages, described_robot.robot, is_one=True)
     drive.name = "stop"
-    return with_planned(drive)
+    drive.topics = {topic: source.key for topic, source in sources.items()}
+    return with_planned(drive, described_robot.robot)
 
 
 def _types(messages: Sequence[RawMessage]) -> Dict[str, str]:

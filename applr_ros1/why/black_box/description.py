@@ -7,12 +7,14 @@ topics.
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import reading
-from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.columns import TopicNames, topic_of
+from applr_ros1.drives.received import TopicSource
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP
 from applr_ros1.planner.parameters.trees import branch
@@ -23,6 +25,11 @@ from applr_ros1.why.events import RobotStop
 
 TOPIC = "/black_box/parameters"
 TYPE = "std_msgs/String"
+# Topics without which no stop is found: key in COLUMNS, its messages in words, and the remedy
+NEEDED = (
+    ("goals", "goals", "give ~move_base"),
+    ("odometry", "odometry", "give ~odom_topic"),
+)
 UNKNOWN = "robot"  # name of a robot of which only the parameters of move_base are known
 
 
@@ -48,6 +55,21 @@ class DescribedRobot(NamedTuple):
 def nobody_publishes(topics: Sequence[str]) -> str:
     """Return in words that nobody publishes some topics, or ""."""
     return f"nobody publishes {' and '.join(topics)}" if topics else ""
+
+
+def unwatched(sources: Mapping[str, TopicSource], names: TopicNames) -> str:
+    """Return in words that no stop can be found without a topic, or "".
+
+    Args:
+        sources: Topics that are there, with their keys in COLUMNS.
+        names: Names of topics.
+    """
+    keys = {source.key for source in sources.values()}
+    for key, words, remedy in NEEDED:
+        if key not in keys:
+            problem = f"no {words} on {topic_of(key, names)}, so that stops are not found"
+            return f"{problem}: {remedy}"
+    return ""
 
 
 def text_of(driven: DescribedRobot) -> str:
@@ -103,6 +125,11 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
 
 def driving(robot: Robot, tree: Dict[str, Any]) -> Robot:
     """Return a described robot with the parameters with which its move_base runs."""
+    controllers = tree.get("controllers")
+    if "base_local_planner" not in tree and controllers:
+        # move_base_flex names its local planners in a list, of which the first one is usual.
+        with suppress(LookupError, TypeError):
+            tree = {**tree, "base_local_planner": controllers[0]["type"]}
     return replace(robot, move_base=MoveBaseSetup(tree), uses_map=False, is_running=True)
 
 

@@ -8,7 +8,7 @@ from typing import Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.drives.bag import UnpackedRow, drive_of
+from applr_ros1.drives.bag import UnpackedRow, drive_of, running_goal
 from applr_ros1.drives.columns import SECOND, column_of
 from applr_ros1.drives.drive import ABORTED, Drive
 from applr_ros1.drives.received import Received
@@ -61,6 +61,7 @@ class StopDetector:
         self._holding: Dict[Tuple[str, str], Received] = {}
         self._next_odometry = 0  # time from which on the next odometry message is taken [ns]
         self._place = (0.0, 0.0)
+        self._running_ids: Dict[str, str] = {}  # running goals of move_base's actions
         self._goal = ""  # identifier of the latest goal
         self._goal_began = -np.inf  # time of its first message [s]
         self._known_until = -np.inf  # time until which a stop that was found has lasted [s]
@@ -85,7 +86,7 @@ class StopDetector:
         self._messages.append(message)
 
     def _take_goal(self, message: Received) -> None:
-        goal = message.rows[-1]["running"]
+        goal = running_goal(message.rows[-1], self._running_ids)
         if goal and goal != self._goal:
             self._goal = goal
             self._goal_began = message.recording_time / SECOND

@@ -9,11 +9,11 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan, PointCloud, Source, project
-from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
-from applr_ros1.planner.costmap.inflation_layer import InflationParameters
-from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
 from tests.support import ROOT
-from tests.support.robots import JACKAL_FOOTPRINT
+from tests.support.scenes import laser_costmap, see
 
 DRAWN = ROOT / "tests" / "golden_drawn"
 HERE = (0.0, 0.0, 0.0)
@@ -21,14 +21,8 @@ HERE = (0.0, 0.0, 0.0)
 
 def local(**arguments):
     """Return the Jackal's local costmap."""
-    return Costmap(
-        10,
-        10,
-        0.05,
-        rolling=True,
-        footprint=JACKAL_FOOTPRINT,
-        inflation=InflationParameters(0.3),
-        **arguments,
+    return laser_costmap(
+        10, 10, 0.05, rolling=True, inflation=InflationParameters(0.3), **arguments
     )
 
 
@@ -37,11 +31,8 @@ def fixed(n=80, **arguments):
     # Half a cell more, because the size is divided by the resolution and rounded down.
     size = (n + 0.5) * 0.05
     origin = (-n * 0.025, -n * 0.025)
-    usual_arguments = {
-        "footprint": JACKAL_FOOTPRINT,
-        "inflation": InflationParameters(0.3),
-    }
-    return Costmap(size, size, 0.05, origin, **{**usual_arguments, **arguments})
+    usual_arguments = {"inflation": InflationParameters(0.3)}
+    return laser_costmap(size, size, 0.05, origin, **{**usual_arguments, **arguments})
 
 
 def hit(x, y):
@@ -56,10 +47,11 @@ def test_drives_equal_the_recorded_ones(drive):
     """
     ranges = np.load(DRAWN / "drives.npz")["ranges"]
     obstacles = ObstacleParameters(**drive["obstacles"])
+    default = 255 if drive["track_unknown"] else 0
     inflation = InflationParameters(**drive["inflation"])
     layers = (
-        LayerDescription("seen", obstacles, (Source(**drive["source"]),)),
-        LayerDescription("inflated", inflation),
+        ObstacleLayer("seen", obstacles, (Source(**drive["source"]),), default),
+        InflationLayer("inflated", inflation),
     )
     costmap = Costmap(
         *drive["size"],
@@ -68,7 +60,7 @@ def test_drives_equal_the_recorded_ones(drive):
         drive["rolling"],
         np.array(drive["footprint"]),
         drive["track_unknown"],
-        layers=layers,
+        layers,
     )
     for step in drive["steps"]:
         cloud = None
@@ -90,9 +82,12 @@ def test_drives_equal_the_recorded_ones(drive):
         version = costmap.version
         cells = costmap.cells.copy()
         origin = costmap.origin.copy()
-        costmap.update_costs(step["pose"], cloud)
+        if cloud is None:
+            costmap.update_costs(step["pose"])
+        else:
+            see(costmap, step["pose"], cloud)
         master_checksum = zlib.crc32(costmap.cells.tobytes())
-        obstacle_checksum = zlib.crc32(costmap.obstacles.cells.tobytes())
+        obstacle_checksum = zlib.crc32(costmap.obstacle_layers[0].cells.tobytes())
         recorded = [master_checksum, obstacle_checksum, costmap.origin.tolist()]
         assert recorded == step["expected"]
 
@@ -117,16 +112,16 @@ def test_a_pose_that_is_not_finite_is_rejected():
 
 def test_a_far_jump_empties_the_map():
     costmap = local()
-    costmap.update_costs(HERE, hit(1.0, 0.0))
+    see(costmap, HERE, hit(1.0, 0.0))
     assert (costmap.cells == 254).any()
     costmap.update_costs((100.0, 100.0, 0.0))
     assert not costmap.cells.any()
-    assert not costmap.obstacles.cells.any()
+    assert not costmap.obstacle_layers[0].cells.any()
 
 
 def test_windows_and_versions_report_changes():
-    costmap = fixed(footprint=JACKAL_FOOTPRINT)
-    costmap.update_costs(HERE, hit(1.02, 0.02))
+    costmap = fixed()
+    see(costmap, HERE, hit(1.02, 0.02))
     assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.
     version = costmap.version
     costmap.update_costs(HERE)
@@ -136,7 +131,7 @@ def test_windows_and_versions_report_changes():
     assert right == int((1.02 + 0.3 + 2) / 0.05) + 1
     assert costmap.version == version
     assert costmap.changed_since(version) is None
-    costmap.update_costs(HERE, hit(1.07, 0.02))
+    see(costmap, HERE, hit(1.07, 0.02))
     assert costmap.version > version
     assert costmap.changed_since(version) is not None
     # Of versions that it never had, the costmap only knows that everything may differ.
@@ -175,29 +170,29 @@ def test_a_snapshot_restores_place_and_obstacles_after_the_map_has_moved():
     costmap = local()
     unmoved_costmap = local()
     for new_costmap in (costmap, unmoved_costmap):
-        new_costmap.update_costs(HERE, hit(1.02, 0.02))
+        see(new_costmap, HERE, hit(1.02, 0.02))
     snapshot = costmap.snapshot()
-    costmap.update_costs((1.0, 0.5, 0.0), hit(2.02, 0.52))
+    see(costmap, (1.0, 0.5, 0.0), hit(2.02, 0.52))
     version = costmap.version
     costmap.restore(snapshot)
     assert costmap.version > version
     assert costmap.origin.tolist() == unmoved_costmap.origin.tolist()
-    assert costmap.obstacles.origin.tolist() == unmoved_costmap.origin.tolist()
+    assert costmap.obstacle_layers[0].origin.tolist() == unmoved_costmap.origin.tolist()
     assert (costmap.cells == unmoved_costmap.cells).all()
-    assert (costmap.obstacles.cells == unmoved_costmap.obstacles.cells).all()
+    assert (costmap.obstacle_layers[0].cells == unmoved_costmap.obstacle_layers[0].cells).all()
 
 
 @pytest.mark.parametrize(("pose", "radius"), [(None, 0.3), (HERE, 0.2)])
 def test_a_snapshot_is_inflated_by_the_current_parameters_if_the_pose_is_given(pose, radius):
     # Given: a snapshot with an inflation radius of 0.3 m, and 0.2 m since then
     costmap = fixed()
-    costmap.update_costs(HERE, hit(1.02, 0.02))
+    see(costmap, HERE, hit(1.02, 0.02))
     snapshot = costmap.snapshot()
     costmap.configure("inflater_layer", inflation_radius=0.2)
-    costmap.update_costs(HERE, hit(0.02, 1.02))
+    see(costmap, HERE, hit(0.02, 1.02))
 
     costmap.restore(snapshot, pose)
 
     expected_costmap = fixed(inflation=InflationParameters(radius))
-    expected_costmap.update_costs(HERE, hit(1.02, 0.02))
+    see(expected_costmap, HERE, hit(1.02, 0.02))
     assert (costmap.cells == expected_costmap.cells).all()

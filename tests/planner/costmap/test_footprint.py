@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.grid import walk_line
 from tests.support.refusals import refused
 from tests.support.seeds import examples
 
@@ -118,19 +117,3 @@ def test_transform_keeps_distances(vertices, x, y, yaw):
     distances = np.linalg.norm(placed - (x, y), axis=1)
     expected = np.linalg.norm(vertices, axis=1)
     np.testing.assert_allclose(distances, expected, atol=1e-12)
-
-
-@given(*[st.integers(0, 30)] * 4)
-@examples(200)
-def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
-    cells_x = np.empty(31, np.int64)
-    cells_y = np.empty(31, np.int64)
-    count = walk_line(x0, y0, x1, y1, cells_x, cells_y)
-    line = np.column_stack([cells_x, cells_y])[:count]
-    assert tuple(line[0]) == (x0, y0)
-    assert tuple(line[-1]) == (x1, y1)
-    # Each step goes by one cell along the longer side, and by one or none along the other.
-    assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1
-    steps = np.diff(line, axis=0)
-    longest_steps = np.abs(steps).max(axis=1)
-    assert (longest_steps == 1).all()

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import brushfire, inflation_layer
+from applr_ros1.planner.costmap.grid import Geometry
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters, cost_at
 from tests.support.scenes import inflate
 from tests.support.seeds import examples
@@ -17,7 +18,8 @@ from tests.support.seeds import examples
 
 def make(columns, rows, parameters):
     """Return a layer with the Jackal's inscribed radius."""
-    layer = InflationLayer(columns, rows, 0.05, parameters)
+    layer = InflationLayer("inflation", parameters)
+    layer.match_size(Geometry(columns, rows, 0.05, np.zeros(2), False))
     layer.set_inscribed_radius(0.265)
     return layer
 
@@ -216,17 +218,6 @@ def assert_within(differs, window):
 )
 def test_costs_decay_beyond_the_inscribed_radius(cells, cost):
     assert cost_at(cells, 0.05, 0.25, 10.0) == cost
-
-
-def test_new_parameters_change_all_costs():
-    layer = make(20, 20, InflationParameters(0.6, 3.0))
-    layer.configure(InflationParameters(0.6, 10.0))
-    base = blank(20, 20)
-    base[10, 10] = 254
-    master = blank(20, 20)
-    layer.inflate(master, base, (0, 0, 20, 20))
-    assert layer.full_pass_due
-    assert master[10, 18] == cost_at(8, 0.05, 0.265, 10.0)
 
 
 def test_short_queues_are_survived(monkeypatch):

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.common.scan import LaserScan, PointCloud, Source, project
-from applr_ros1.planner.costmap import obstacle_layer
+from applr_ros1.planner.costmap.grid import Geometry
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
 from tests.support.seeds import examples
 
 INF = math.inf
@@ -39,21 +40,15 @@ def distances(cloud):
 
 def layer_of(origin, source):
     """Return a layer of 100 x 100 cells with one source."""
-    return obstacle_layer.ObstacleLayer(
-        columns=100,
-        rows=100,
-        resolution=0.05,
-        origin=origin,
-        rolling=False,
-        default=0,
-        parameters=obstacle_layer.ObstacleParameters(),
-        sources=(source,),
-    )
+    layer = ObstacleLayer("seen", ObstacleParameters(), (source,), 0)
+    layer.match_size(Geometry(100, 100, 0.05, np.array(origin), False))
+    return layer
 
 
 def observe_point(layer, x, y):
     """Let a sensor at the origin see one point [m]."""
-    layer.cloud = PointCloud(ORIGIN, np.array([[x, y, 0.0]], np.float32))
+    cloud = PointCloud(ORIGIN, np.array([[x, y, 0.0]], np.float32))
+    layer.buffers[0].add_cloud(cloud, 0.0)
     layer.update_bounds(NO_BOUNDS, ORIGIN, np.zeros((0, 2)))
 
 
@@ -98,14 +93,6 @@ def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
         assert point_y == f(f(f(m10 * px) + f(m00 * py)) + f(y))
         assert point_z == f(0.3)
     assert cloud.origin == (x, y, 0.3)
-
-
-def test_integer_parameters_do_not_compile_a_new_kernel():
-    observe_point(layer_of((-2.5, -2.5), Source()), 1.02, 0.02)
-    signature_count = len(obstacle_layer.observe.dispatcher.signatures)
-    of_integers = Source(obstacle_range=2, raytrace_range=3, clearing=1)
-    observe_point(layer_of((-2.5, -2.5), of_integers), 1.02, 0.02)
-    assert len(obstacle_layer.observe.dispatcher.signatures) == signature_count
 
 
 @pytest.mark.parametrize(

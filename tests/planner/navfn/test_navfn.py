@@ -9,12 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import window
 from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn, target_of
 from tests.support import scenes
-from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
 
 RES = 0.05  # edge of a cell [m]
@@ -34,7 +32,7 @@ def costmap_of(cells, origin=(0.0, 0.0)):
     """Return a costmap with exactly these cells (ny, nx)."""
     rows, columns = cells.shape
     # Half a cell more, because the size is divided by the resolution and rounded down.
-    costmap = Costmap(
+    costmap = scenes.laser_costmap(
         (columns + 0.5) * RES,
         (rows + 0.5) * RES,
         RES,
@@ -68,14 +66,13 @@ def world(rng, ny, nx, kind):
         cells[rng.random((ny, nx)) < 0.6] = 0
         return cells
     obstacles = cellular(rng, ny, nx, rng.uniform(0.1, 0.5))
-    costmap = Costmap(
+    costmap = scenes.laser_costmap(
         (nx + 0.5) * RES,
         (ny + 0.5) * RES,
         RES,
-        footprint=JACKAL_FOOTPRINT,
         inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0),
     )
-    costmap.inflation.set_inscribed_radius(0.05)
+    costmap.inflation_layers[0].set_inscribed_radius(0.05)
     scenes.paint(costmap, np.where(obstacles, 254, 0).astype(np.uint8))
     cells = costmap.cells.copy()
     cells[rng.random((ny, nx)) < 0.03] = 255

@@ -26,7 +26,7 @@ def test_both_costmaps_of_any_robot_mark_as_far_as_is_asked_and_clear_half_a_met
     assert remarks(tree) == []
     move_base = MoveBase(tree)
     for costmap in (move_base.global_costmap, move_base.local_costmap):
-        (buffer,) = costmap.obstacles.buffers
+        (buffer,) = costmap.obstacle_layers[0].buffers
         assert (buffer.source.obstacle_range, buffer.source.raytrace_range) == (4.0, 4.5)
 
 

@@ -19,6 +19,7 @@ from applr_ros1.planner.parameters.declarations import shapes_at_start
 from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOVERY
 from applr_ros1.planner.parameters.trees import branch
 from tests.support.robots import ToyRobot, ring, run
+from tests.support.scenes import see
 
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 # Other values: those that differ enough to be seen, and texts
@@ -116,7 +117,7 @@ def stages(move_base):
             # What was cleared is seen before the next scan marks it again.
             costmap.update_costs(robot.pose)
             recovering.append(costmap.cells.tobytes())
-            costmap.update_costs(robot.pose, observe(robot.scan()))
+            see(costmap, robot.pose, observe(robot.scan()))
     return {DRIVING: driving, AT_GOAL: at_goal, RECOVERING: recovering}
 
 

@@ -117,25 +117,3 @@ def test_a_tree_gives_the_values_with_which_move_base_starts_and_back(name):
             left_out.update(parameter.aliases)
         assert set(configuration) - set(values) <= left_out
     assert Settings.from_tree(complete(merged(tree, settings.to_tree()))) == settings
-
-
-def test_settings_are_put_in_force_with_one_request_for_each_server_that_differs(monkeypatch):
-    move_base = MoveBase(robots.JACKAL.parameters())
-    called_servers = []
-    original = move_base.reconfigure
-
-    def reconfigure(server, values):
-        called_servers.append(server)
-        return original(server, values)
-
-    monkeypatch.setattr(move_base, "reconfigure", reconfigure)
-    start = Settings.from_tree(move_base.parameters)
-    changed = start.with_(SLOWER, NARROWER)
-    in_force = move_base.put_in_force(changed)
-    assert sorted(called_servers) == sorted([PLANNER, LAYER])
-    assert changed.differences(in_force) == []
-
-    # And back
-    move_base.put_in_force(start)
-    configurations = {server: move_base.configuration(server) for server in start}
-    assert start.differences(configurations) == []

@@ -95,18 +95,22 @@ def test_the_most_unusual_of_two_values_is_tried_first():
 @pytest.mark.parametrize(
     ("name", "spoilt", "usual"),
     [
-        # The Burger's path weight is far above the default, which does not fit its goal weight.
-        ("path_distance_bias", 0.01, [0.6, 32.0]),
+        ("path_distance_bias", 0.01, 32.0),
         # Where 20 is usual, a factor of 2 does not lead to it.
-        ("goal_distance_bias", 0.5, [0.8, 20.0]),
+        ("goal_distance_bias", 0.5, 20.0),
+        # A Husky has 0.6, but with a goal weight of 0.8.
+        ("path_distance_bias", 0.5, 32.0),
     ],
 )
-def test_values_of_included_robots_are_tried_the_nearest_first(name, spoilt, usual):
+def test_biases_are_as_unusual_as_their_ratio_and_tried_as_robots_have_them(name, spoilt, usual):
     robot = planner_of_burger(**{name: spoilt})
-    expected = []
-    for value in usual:
-        expected.append(f"set DWAPlannerROS/{name} to {value:g} instead of {spoilt:g}")
-    assert advice_in_order(robot)[:2] == expected
+    as_husky, as_before, *_ = candidates_of(robot).unusual
+    assert {(server_name, value) for _, server_name, value in as_husky.new_values} == {
+        ("path_distance_bias", 0.6),
+        ("goal_distance_bias", 0.8),
+    }
+    (change,) = as_before.changes
+    assert (change.name, change.after) == (name, usual)
 
 
 def test_values_of_a_usual_robot_are_tried_after_the_changes_that_free_most_robots():

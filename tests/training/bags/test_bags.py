@@ -553,8 +553,12 @@ def test_a_bag_that_rosbag_has_not_finished_says_how_to_mend_it(tmp_path):
     record(whole_bag)
     active_bag = tmp_path / "drive.bag.active"
     active_bag.write_bytes(whole_bag.read_bytes()[:5000])
-    with pytest.raises(BagError, match="cut short, rename it to .bag, run rosbag reindex$"):
+    remedy = "cut short, rename it to .bag, run rosbag reindex$"
+    with pytest.raises(BagError, match=remedy):
         read(active_bag)
+    # Whoever recorded it asks about the name that he gave.
+    with pytest.raises(BagError, match=f"; there is drive.bag.active: .*{remedy}"):
+        read(tmp_path / "drive.bag")
 
 
 def test_a_bag_without_messages_says_so(tmp_path):

@@ -268,7 +268,7 @@ def test_an_environment_marks_obstacles_as_far_as_its_settings_say(obstacle_rang
     env = ApplrEnv("generated:7", period=1.0, obstacle_range=obstacle_range)
     move_base = env.simulated.stack.move_base
     for costmap in (move_base.global_costmap, move_base.local_costmap):
-        (buffer,) = costmap.obstacles.buffers
+        (buffer,) = costmap.obstacle_layers[0].buffers
         assert buffer.source.obstacle_range == in_force
     env.close()
 

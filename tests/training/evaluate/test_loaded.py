@@ -140,7 +140,7 @@ def started(monkeypatch):
 
     def create(*arguments, **keywords):
         move_base = MoveBase(*arguments, **keywords)
-        (buffer,) = move_base.global_costmap.obstacles.buffers
+        (buffer,) = move_base.global_costmap.obstacle_layers[0].buffers
         ranges.append((buffer.source.obstacle_range, buffer.source.raytrace_range))
         return move_base
 

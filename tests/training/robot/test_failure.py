@@ -51,7 +51,8 @@ def test_failures_are_worded_by_their_causes_first(stopped):
         "path": 1,
     }
     many_refusals = Refusals(times, [rejecting_cycle] * 30 + [{}] * 150)
-    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
+    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly because of the "
+    rejects += "critic obstacle"
     assert failed(stopped, refusals=many_refusals) == rejects
     few_refusals = Refusals(times, [{}] * 170 + [rejecting_cycle] * 10)
     assert failed(stopped, refusals=few_refusals).startswith(STANDS)
@@ -83,7 +84,7 @@ def test_failures_are_worded_by_their_causes_first(stopped):
 
     # A missing path and a contact are named before the planner's refusals.
     no_routes = Plans(np.empty(0), [])
-    lost = failed(stopped, routes=no_routes, refusals=many_refusals)
+    lost = failed(stopped, routes=no_routes, plans=None, planned=None, refusals=many_refusals)
     assert lost == "the global planner finds no path"
     touches = failed(stopped, contacts=np.array([1.0]), refusals=many_refusals)
     assert touches.startswith("it touches something, and the planner")

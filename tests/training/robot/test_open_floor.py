@@ -72,7 +72,7 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
             "acc_lim_x: 2.5",
             "acc_lim_x: 0.1",
             0,
-            "% of its cycles, mostly by velocity limits",
+            "% of its cycles, mostly because of its velocity limits (min_vel_trans",
         ),
         ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor blocks"),
         (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),

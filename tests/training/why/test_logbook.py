@@ -152,19 +152,30 @@ def test_stops_within_a_robots_length_in_one_frame_are_one_place():
     assert list(map(lost_in, places)) == [30.0, 25.0, 9.0]
 
 
-def test_a_stop_that_two_bags_of_one_robot_have_is_counted_once():
-    first = logged_bag(stop_at(0.0, lost=10.0), begin=NOON)
-    later = logged_bag(stop_at(0.0, lost=9.0, begin=0.0, end=9.5), begin=NOON + 1.0, name="b.bag")
-    other = logged_bag(stop_at(0.0, lost=8.0), begin=NOON, name="c.bag", robot="husky")
-    assert [logged.bag for logged in stops_of([first, later, other])] == [first, other]
-    # Two robots of one name may stop at the same time.
-    far_stop = stop_at(50.0, lost=7.0, begin=3.0, end=13.0)
-    far = logged_bag(far_stop, begin=NOON, name="d.bag")
-    elsewhere = logged_bag(stop_at(0.0, lost=6.0), begin=NOON, name="e.bag", frame="map")
-    assert len(stops_of([first, far, elsewhere])) == 3
-    # Simulated clocks all begin at 0.
-    simulated = [logged_bag(stop_at(0.0), name=name) for name in ("a.bag", "b.bag")]
-    assert len(stops_of(simulated)) == 2
+def test_a_stop_is_counted_once_if_track_or_laser_show_one_drive_whatever_its_names():
+    def bag_from(begin, name, drives=True, **fields):
+        """Return a bag of 30 s from a time on, of a robot that stands from the 10th to the 20th."""
+        elapsed = np.arange(0.0, 30.0, 0.5)
+        x = np.sin(0.1 * (elapsed + begin - NOON)) if drives else 0.0 * elapsed
+        track = np.column_stack([elapsed, x, 0.0 * x, 0.0 * x]).tolist()
+        stop = stop_at(0.0, begin=NOON + 10.0 - begin, end=NOON + 20.0 - begin)
+        return logged_bag(stop, name=name, begin=begin, track=track, **fields)
+
+    def count(*bags):
+        return len(stops_of(bags))
+
+    first = bag_from(NOON, "a.bag")
+    assert count(first, bag_from(NOON + 1.0, "b.bag")) == 1
+    assert count(first, bag_from(NOON, "c.bag", robot="husky")) == 2
+    # The same place and time, but another track
+    assert count(first, bag_from(NOON + 1.0, "d.bag", drives=False)) == 2
+    # Two robots at their docks, each at the origin of its own odometry
+    docked = [bag_from(NOON, f"{number}.bag", False, map=wall(number)) for number in range(2)]
+    assert count(*docked) == 2
+    assert count(docked[0], bag_from(NOON, "e.bag", False, map=wall(0.0))) == 1
+    assert count(bag_from(NOON, "f.bag", False), bag_from(NOON, "g.bag", False)) == 2
+    # Nothing is known of robots without odometry.
+    assert count(*[logged_bag(stop_at(0.0), begin=NOON, track=[], name=name) for name in "ab"]) == 2
 
 
 def wall(x):
@@ -173,20 +184,23 @@ def wall(x):
     return np.column_stack([along, x + np.sin(along)]).tolist()
 
 
-def test_odometry_frames_are_one_only_if_the_laser_saw_the_same_there():
+def test_frames_are_one_only_if_the_laser_saw_the_same_there():
     bags = [
         logged_bag(map=wall(0.0)),
         logged_bag(map=wall(0.01)),
         logged_bag(map=wall(0.9)),
+        logged_bag(frame="map", is_shared=True, map=wall(0.0)),
         logged_bag(frame="map", is_shared=True),
-        logged_bag(frame="map", is_shared=True),
+        # Another floor is called map, too; localisation is off by a few centimetres.
+        logged_bag(frame="map", is_shared=True, map=wall(0.9)),
+        logged_bag(frame="map", is_shared=True, map=wall(0.95)),
         logged_bag(map=[]),
         # Too little to compare
         logged_bag(map=[[50.0, 50.0]]),
         logged_bag(map=[[50.0, 50.0]]),
     ]
     logbook.set_floors(bags)
-    assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3, 4, 5]
+    assert [bag.floor for bag in bags] == [0, 0, 1, 2, 2, 3, 3, 4, 5, 6]
 
 
 def test_a_drive_is_placed_in_the_frame_of_its_plans_if_tf_connects_both():
@@ -285,7 +299,7 @@ def test_a_stop_in_two_bags_of_a_simulation_is_one_if_their_tracks_agree():
     def bag_from(begin, y=0.0):
         """Return a bag of the minute from a time of the simulation on, with a stop at 80 s."""
         elapsed = np.arange(0.0, 60.0, 0.5)
-        track = [[time, np.sin(0.1 * (begin + time)), y] for time in elapsed.tolist()]
+        track = [[time, np.sin(0.1 * (begin + time)), y, 0.0] for time in elapsed.tolist()]
         stop = stop_at(0.0, begin=80.0 - begin, end=90.0 - begin)
         return logged_bag(stop, name=f"{begin}.bag", begin=begin, track=track)
 
@@ -544,13 +558,6 @@ def test_a_folder_without_a_readable_bag_is_a_line(tmp_path, capsys, arguments, 
     assert (status, output) == (1, "")
     assert problem in errors
     assert len(errors.splitlines()) == 1
-
-
-def test_a_map_needs_a_logbook_to_lie_under(tmp_path, capsys):
-    (tmp_path / "junk.bag").write_bytes(b"junk")
-    status, _, errors = ran(capsys, tmp_path / "junk.bag", "--on", "map.yaml")
-    assert status == 1
-    assert "--on is the map of a logbook: give a folder" in errors
 
 
 def test_stops_are_printed_even_if_no_change_can_be_driven(tmp_path, capsys, monkeypatch):

@@ -32,6 +32,7 @@ from training.attempts.trials import (
     course_in,
     try_out,
 )
+from training.attempts.usual_values import COSTMAPS
 from training.robot.open_floor import courses
 from training.why import remedies
 from training.why.driven import with_trials
@@ -39,8 +40,9 @@ from training.why.remedies import recorded_changes
 from training.why.seen_world import seen_grid, seen_world, write_map
 from training.workers.calls import CallLost
 from training.workers.pool import Pool
-from worlds.loading import load
+from worlds import load, scaled
 from worlds.map_reader import is_occupied, read_map
+from worlds.world import clearance
 
 PLANNER = "TrajectoryPlannerROS"
 JACKAL = robots.JACKAL
@@ -48,6 +50,8 @@ BURGER = robots.load("turtlebot3_burger")
 # The recorded drive's fault and its remedy. A planner with one sample knows only its slowest
 # speed.
 SPOILT = Change(PLANNER, "vx_samples", 6, 1)
+# With its own padding, a sound Jackal hesitates at the narrow door with some seeds.
+UNPADDED = [Change(costmap, "footprint_padding", 0.1, 0.01) for costmap in COSTMAPS]
 MENDED = Candidate((Change(PLANNER, "vx_samples", 1, 6),))
 
 
@@ -61,38 +65,33 @@ def door():
 
 
 # -- the world that the laser saw
-def cell_of(grid, x, y):
-    """Return (row, column) of a point [m]."""
-    origin_x, origin_y, _ = grid.origin
-    row = int((y - origin_y) / grid.resolution)
-    column = int((x - origin_x) / grid.resolution)
-    return row, column
+def seen_by(drive, robot, start=(0.0, 0.0, np.pi / 2), goal=(0.0, 5.0, np.pi / 2)):
+    """Return the world that the laser of a robot saw in a drive."""
+    return seen_world(seen_grid(Recording.of(drive, robot)), "seen", start, goal)
 
 
 def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
-    drive, world = door
-    grid = seen_grid(Recording.of(drive, JACKAL))
-    occupied = is_occupied(grid.cells)
-    start_x, start_y, _ = drive.odometry.pose[0]
-    door_y = world.boxes[0][1] + start_y
+    drive, _ = door
+    world = seen_by(drive, JACKAL)
+    # The laser saw the face of the wall, 0.05 m before its middle at 2.5 m.
+    on_walls = np.array([(-3.0, 2.45), (-0.45, 2.45), (0.45, 2.45), (3.0, 2.45)])
+    assert clearance(world, on_walls).max() < 0.03
+    # The door is 0.83 m wide.
+    on_floor = np.array([(0.0, 2.5), (0.0, 1.5), (2.0, 1.0)])
+    assert clearance(world, on_floor).min() > 0.39
 
-    # A wall on each side of the door. The laser saw the face towards the robot, 0.05 m before the
-    # wall's middle. 0.2 m from the door is within the wall even if the edge is a cell off.
-    for box in world.boxes:
-        wall_x = box[0]
-        length = box[3]
-        side = np.sign(wall_x)
-        edge_x = wall_x - side * length / 2
-        row, column = cell_of(grid, edge_x + side * 0.2 + start_x, door_y - 0.05)
-        assert occupied[row - 1 : row + 2, column - 1 : column + 2].any()
 
-    # The door, the robot's way, and the floor between robot and door are free.
-    row, column = cell_of(grid, start_x, door_y)
-    assert not occupied[row, column - 3 : column + 4].any()
-    for robot_pose in drive.odometry.pose[::20]:
-        assert not occupied[cell_of(grid, *robot_pose[:2])]
-    row, column = cell_of(grid, start_x, start_y + 2.0)
-    assert not occupied[row - 5 : row + 6, column - 5 : column + 6].any()
+@pytest.mark.heavy
+def test_a_sound_robot_arrives_in_the_seen_world_of_a_drive_that_arrived():
+    """The gaps are those of a small robot: cells of 0.05 m would close them."""
+    world = scaled(load("generated:211"), BURGER.world_scale)
+    to_goal = replace(world, course=replace(world.course, finish_y=None))
+    drive, outcome = simulated(BURGER, to_goal)
+    assert outcome.success
+    goal = Recording.of(drive, BURGER).goal_at(math.inf).pose
+    conditions = DriveConditions(BURGER, seen_by(drive, BURGER, goal=goal), False, limit=60.0)
+    for seed in (3, 4):
+        assert whole_drives.drive_once(conditions, (), seed, math.inf).success
 
 
 def test_what_most_beams_pass_is_free_although_a_few_ended_there(door):
@@ -115,22 +114,14 @@ def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
     write_map(grid, map_file)
     read_back = read_map(map_file)
 
-    # The written map has an edge of occupied cells, so that its free cells are indoors.
+    # Without an edge of occupied cells, all free cells would be outside of the building.
     occupied = is_occupied(grid.cells)
     occupied_in_file = is_occupied(read_back.cells)
+    assert occupied_in_file[[0, -1]].all()
+    assert occupied_in_file[:, [0, -1]].all()
     assert np.array_equal(occupied_in_file[1:-1, 1:-1], occupied[1:-1, 1:-1])
     assert read_back.resolution == grid.resolution
     assert read_back.origin == pytest.approx(grid.origin)
-
-
-@pytest.mark.heavy
-def test_a_robot_can_drive_in_a_written_map(door, tmp_path):
-    """Without an edge, all free cells would be outside of the building."""
-    drive, _ = door
-    map_file = str(tmp_path / "seen.yaml")
-    write_map(seen_grid(Recording.of(drive, JACKAL)), map_file)
-    map_world = load(f"{map_file}:0")
-    assert len(map_world.boxes)
 
 
 # -- candidates
@@ -171,11 +162,8 @@ def test_files_get_the_settings_of_the_recorded_drive():
 def course(door):
     """Return the way through the door in the world that the laser saw, with the recorded fault."""
     drive, _ = door
-    robot = with_changes(JACKAL, [SPOILT], "jackal")
-    start = (0.0, 0.0, np.pi / 2)
-    goal = (0.0, 5.0, np.pi / 2)
-    world = seen_world(seen_grid(Recording.of(drive, JACKAL)), "seen", start, goal)
-    return DriveConditions(robot, world, has_monitor=False, limit=25.0)
+    robot = with_changes(JACKAL, [SPOILT, *UNPADDED], "jackal")
+    return DriveConditions(robot, seen_by(drive, JACKAL), has_monitor=False, limit=25.0)
 
 
 @pytest.mark.heavy
@@ -188,7 +176,8 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
     refused = Candidate((one_point,))
 
     with Pool(0) as pool:
-        trials = try_out([course_in(course, pool)], [refused, MENDED])
+        patient = course._replace(limit=40.0)
+        trials = try_out([course_in(patient, pool)], [refused, MENDED])
 
     assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
@@ -318,14 +307,6 @@ def test_the_milder_of_two_changes_that_are_about_as_fast_is_the_remedy(
         assert value_of(trials_of(course, wilder, milder).remedy) == value
 
 
-def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
-    # The course's limit is 25 s: with seed 2 the candidate does not arrive.
-    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 2: 99.0}})
-    trials = trials_of(course, 1.0)
-    assert trials.remedy is None
-    assert str(trials.tried[0]) == "too slow in 1 of 2"
-
-
 def test_only_the_best_candidates_drive_with_more_seeds(course, monkeypatch):
     # Eight values of sim_time [s], each of which takes as many seconds as its number says
     seconds_of = {float(number): {0: float(number)} for number in range(10, 18)}
@@ -367,14 +348,14 @@ def diagnosed(replay, trials=None, guesses=(), **changes):
     return with_trials(answer_of(diagnosis, guesses), trials)
 
 
-def tried(candidate, *seconds, limit=25.0):
+def tried(candidate, *seconds, limit=25.0, at=(0.0, 0.3)):
     """Return the drives of a candidate that took some times [s]; from the limit on, one did not
     arrive.
 
-    All stop for five seconds at (0, 0.3), where the event of `diagnosed` is.
+    All stop for five seconds at one place, by default where the event of `diagnosed` is.
     """
     times = np.arange(100) * 0.05
-    path = np.column_stack([times, np.zeros(100), np.full(100, 0.3)])
+    path = np.column_stack([times, np.tile(at, (100, 1))])
     drives = []
     for duration in seconds:
         success = duration < limit
@@ -420,7 +401,7 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
     judged = tried(MENDED, 12.0, 12.0, 9.0)
     trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [chosen], [judged])
     lines = diagnosed(replayed, trials).lines
-    assert lines[1] == "Nothing that was tried helped with each seed."
+    assert lines[1] == "Nothing that was tried helped clearly."
     assert lines[-1] == (
         "   vx_samples 1 -> 6: arrives 2 of 2 in 8 s; with other seeds arrives 3 of 3 in 11 s"
     )
@@ -431,6 +412,24 @@ def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
     assert diagnosed(replayed, end=3.1).advice == [line]
     # A moment that somebody asks about is short, too.
     assert diagnosed(replayed, end=3.1, is_asked=True).advice == []
+
+
+def test_no_advice_rests_on_a_world_in_which_the_robot_does_not_come_as_far_as_it_came(
+    replayed,
+):
+    # With a metre to spare, all simulated drives end where the robot was after nine seconds.
+    remedy = tried(MENDED, 12.0)
+    stays_behind = WholeDriveTrials(tried(RECORDED, 29.0, at=(0.0, 0.3)), remedy, [remedy])
+    comes_as_far = WholeDriveTrials(tried(RECORDED, 29.0, at=(0.0, 1.0)), remedy, [remedy])
+    assert diagnosed(replayed, comes_as_far).advice[0].startswith("Try vx_samples 1 -> 6: ")
+
+    answer = diagnosed(replayed, stays_behind)
+
+    assert answer.advice == ["Nothing that was tried helped."]
+    assert answer.remedies == []
+    assert answer.sure.endswith(
+        "the robot does not come as far as it did, so no advice rests on what was driven."
+    )
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
@@ -447,11 +446,6 @@ def test_a_doubtful_replay_is_called_so(replayed):
     doubtful = replace(replayed, cycles=cycles)
     certainty = diagnosed(doubtful).sure
     assert "% of the planner's commands are reproduced, so its reasons are not to" in certainty
-
-
-def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
-    drive, world = door
-    assert Recording.of(drive, JACKAL).goal_at(math.inf).pose == pytest.approx(world.course.goal)
 
 
 @pytest.mark.parametrize("columns", ["routes", "sent"])
@@ -569,11 +563,6 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     drive_duration = drive.odometry.time[-1]
     longest = whole_drives.SLOWEST * drive_duration
     assert limit_at_its_goal == pytest.approx(longest, abs=1.0)
-
-
-def test_a_moment_outside_the_drive_is_refused(replayed):
-    with pytest.raises(ApplrError, match="--at 500: outside the drive, give "):
-        diagnose(replayed, 500.0)
 
 
 def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(replayed):

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader, Writer
 
 from applr_ros1 import robots
-from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.columns import SECOND, TopicNames
 from applr_ros1.drives.drive import REACHED, Goal, Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.obstacle_range import laser_sources
@@ -16,11 +17,11 @@ from applr_ros1.why import alternatives
 from applr_ros1.why.answer import answer_of
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.bag_file import read_messages
-from applr_ros1.why.black_box.description import DescribedRobot, unknown_robot
+from applr_ros1.why.black_box.description import DescribedRobot, driving, unknown_robot
 from applr_ros1.why.black_box.stops import HELD
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.events import GAVE_UP, SAVED, Event, RobotStop
-from applr_ros1.why.outside import NO_PLAN, OTHER_PLANNER
+from applr_ros1.why.outside import NO_PLAN, NO_SCAN, OTHER_PLANNER, SIDEWAYS
 from applr_ros1.why.replay import changes_of
 from applr_ros1.why.rerun import RerunPlanner
 from tests.support.browser import focused, needs_browser, opened
@@ -37,7 +38,7 @@ from tests.support.replays import (
     updates,
 )
 from training.attempts.candidates import CandidateList
-from training.bags.read import BagError
+from training.bags.read import CUT_SHORT, BagError, bags_in
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import remedies
@@ -96,23 +97,6 @@ def test_costmaps_are_cleared_where_a_decision_says_so(tmp_path):
     # Without the decisions, what the laser no longer sees stays in the costmap.
     silent_replay = replayed(JACKAL, replace(driven, decisions=[]))
     assert lethal_cells(replay.cycles[-1]) < lethal_cells(silent_replay.cycles[-1])
-
-
-def test_a_bag_gives_the_drive_that_was_written(bag, sound):
-    driven = sound.drive
-    recorded = read_back(bag)
-    # A read drive begins at 0 s. Stamps of ROS have whole nanoseconds.
-    begin_time = driven.odometry.time[0]
-    for column_name in ("odometry", "planned", "scans", "plans"):
-        recorded_times = getattr(recorded, column_name).time
-        driven_times = getattr(driven, column_name).time
-        assert np.allclose(recorded_times, driven_times - begin_time, atol=1e-6)
-    assert np.allclose(recorded.planned.twist, driven.planned.twist)
-    assert np.allclose(recorded.odometry.pose, driven.odometry.pose)
-    assert np.allclose(recorded.odometry.twist, driven.odometry.twist)
-    assert np.allclose(recorded.scans.fan, driven.scans.fan)
-    assert np.array_equal(recorded.scans.ranges[5], driven.scans.ranges[5])
-    assert np.allclose(recorded.plans.path[5], driven.plans.path[5])
 
 
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
@@ -198,13 +182,6 @@ def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
     unlimited_bag = write(tmp_path / "alone.bag", replace(one_second, planned=None))
     recorded = read_back(unlimited_bag, robot)
     assert np.array_equal(recorded.planned.twist, one_second.commands.twist)
-
-
-def test_scans_of_another_laser_are_refused(bag):
-    other_laser = JACKAL.laser.model_copy(update={"frame": "other_laser"})
-    problem = f"scans in {JACKAL.laser.frame}, jackal has other_laser: give --scan"
-    with pytest.raises(BagError, match=problem):
-        read_back(bag, replace(JACKAL, laser=other_laser))
 
 
 @pytest.mark.heavy
@@ -353,7 +330,6 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
 @pytest.mark.parametrize(
     ("columns", "problem"),
     [
-        ({"scans": None}, "no messages on /front/scan"),
         ({"odometry": None}, "no messages on /odometry/filtered"),
         ({"planned": None, "commands": None}, "no messages on /cmd_vel"),
         (
@@ -372,6 +348,18 @@ def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, 
     assert output == ""
     assert problem in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_without_a_laser_what_is_seen_from_outside_is_said(spoilt, folder, capsys):
+    _, driven = spoilt
+    status, output, _ = ran(capsys, write(folder / "drive.bag", replace(driven, scans=None)))
+    first_line, certainty, seen, unseen, *_ = output.splitlines()
+    assert status == 0
+    assert ": crept at (" in first_line
+    assert certainty == f"{NO_SCAN}."
+    assert "/odometry/filtered" in seen
+    assert "/front/scan" in unseen
+    assert unseen.endswith("record them next time.")
 
 
 @pytest.mark.heavy
@@ -430,23 +418,6 @@ def test_where_no_plan_was_found_what_is_seen_from_outside_is_said(
     happened, why_no_replay, *_ = output.splitlines()
     assert "stood at (0.00, 0.00)" in happened
     assert why_no_replay == f"{NO_PLAN}."
-
-
-@pytest.mark.heavy
-def test_the_commands_of_another_planner_without_a_monitor_are_those_to_the_base(
-    spoilt, folder, capsys
-):
-    _, driven = spoilt
-    has_command = int((driven.planned.time < 2.0).sum())
-    silent = replace(
-        driven,
-        planners=["TebLocalPlannerROS"],
-        planned=None,
-        commands=driven.planned.part(slice(0, has_command)),
-        changes=updates((0.0, "TebLocalPlannerROS", {"max_vel_x": 0.5, "max_vel_theta": 1.5})),
-    )
-    _, output, _ = ran(capsys, write(folder / "teb.bag", silent))
-    assert "because move_base sent no command for" in output.splitlines()[0]
 
 
 def box_bag(path, robot, drive, is_known, stop=None):
@@ -509,6 +480,46 @@ def test_box_and_desk_tell_one_event_and_one_reason_of_a_bag(
     assert told["reason"].startswith("no command faster than") == (kind == HELD)
 
 
+@pytest.mark.parametrize(
+    ("planner", "sideways", "note"),
+    [
+        ({"base_local_planner": "teb_local_planner/TebLocalPlannerROS"}, 0.4, OTHER_PLANNER),
+        ({"base_local_planner": "mpc_local_planner/MpcLocalPlannerROS"}, 0.0, OTHER_PLANNER),
+        ({"controllers": [{"name": "eband", "type": "eband/EBandPlannerROS"}]}, 0.0, OTHER_PLANNER),
+        ({"base_local_planner": "dwa_local_planner/DWAPlannerROS"}, 0.4, SIDEWAYS),
+    ],
+)
+def test_a_bag_of_the_black_box_is_read_back_beside_any_planner(
+    folder, capsys, planner, sideways, note
+):
+    # Given: a robot that stands from 3 to 9 s, and then drives sideways, or ahead
+    tree = {**JACKAL.parameters(), **planner}
+    if "controllers" in tree:
+        del tree["base_local_planner"]
+    robot = driving(JACKAL, tree)
+    leftward = np.repeat([0.0, sideways], [180, 180])
+    driven = drive_of(DRIVES + STANDS * 2 + (STANDS if sideways else DRIVES) * 3, sideways=leftward)
+    driven = replace(driven, planners=[robot.local_planner])
+    stop = RobotStop("stood", 4.0, 9.0, (1.5, 0.0))
+    bag_path = box_bag(folder / "stop.bag", robot, driven, True, stop)
+
+    # When: the box answers, and the desk, alone and in a logbook
+    *_, box_answer = answers_of(list(read_messages(bag_path.read_bytes())), deserialize)
+    status, output, errors = ran(capsys, bag_path)
+    logged_answer = answer_to(bag_path, BagAnswerOptions(quick=True)).answer
+
+    # Then: all tell the one stop, and what is not known of it
+    assert status == 0, errors
+    first_line, certainty, *_ = output.splitlines()
+    assert first_line.startswith("3.0 to 8.9 s: stood at (1.50, 0.00)")
+    assert certainty == f"{note}."
+    assert box_answer.first_line == logged_answer.first_line == first_line
+    assert box_answer.note == note
+    # The node says it once of a planner.
+    assert (note in box_answer.sentence) == (note != OTHER_PLANNER)
+    assert [event.kind for event in box_answer.events] == ["stood"]
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("is_known", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, capsys, is_known):
@@ -540,6 +551,7 @@ def test_a_bag_of_the_black_box_needs_neither_robot_nor_topics(spoilt, folder, c
         # The image of the map has this name.
         (["BAG", "--map", "seen.pgm"], "--map seen.pgm: give a file that ends in .yaml"),
         (["BAG", "--robot", "nobody"], "nobody"),
+        (["BAG", "--on", "map.yaml"], "--on is the map of a logbook: give a folder"),
     ],
 )
 def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, problem):
@@ -548,3 +560,38 @@ def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, argument
     assert status == 1
     assert output == ""
     assert problem in errors.splitlines()[-1]
+
+
+# -- files
+def test_a_clock_that_was_set_back_is_noticed_in_the_order_of_the_file(spoilt, folder, capsys):
+    _, driven = spoilt
+    path = write(folder / "drive.bag", until(driven, 6.0))
+    _, expected, _ = ran(capsys, path, "--quick")
+    with Reader(path) as reader, Writer(folder / "set.bag") as writer:
+        connections = {}
+        begin = reader.start_time
+        for connection, time, raw_message in reader.messages():
+            if connection.topic not in connections:
+                connections[connection.topic] = writer.add_connection(
+                    connection.topic,
+                    connection.msgtype,
+                    msgdef=connection.msgdef.data,
+                    md5sum=connection.digest,
+                )
+            # The robot's own clock, that of the stamps, was not set.
+            hours = 1 if time < begin + 3 * SECOND else 0
+            writer.write(connections[connection.topic], time + hours * 3600 * SECOND, raw_message)
+    _, output, errors = ran(capsys, folder / "set.bag", "--quick")
+    assert output.splitlines()[0] == expected.splitlines()[0]
+    assert "all times jump by -3,600.0 s after 3.0 s: the clock was set" in errors
+
+
+def test_a_bag_that_a_folder_leaves_out_is_named_with_the_remedy(tmp_path, caplog):
+    for name in ("a.bag", "b.bag.active", "c.db3.zstd", "a.bag.why.json"):
+        (tmp_path / name).write_bytes(b"")
+    assert bags_in([tmp_path]) == [tmp_path / "a.bag"]
+    remedies = [record.getMessage().rpartition("left out: ")[2] for record in caplog.records]
+    assert remedies == [CUT_SHORT, "unpack it"]
+    (tmp_path / "a.bag").unlink()
+    with pytest.raises(BagError, match="rosbag reindex"):
+        bags_in([tmp_path])

@@ -13,9 +13,8 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.why.black_box.answering import answers_of
 from applr_ros1.why.black_box.description import DescribedRobot, driving
 from applr_ros1.why.black_box.stops import HELD
+from applr_ros1.why.diagnosis import POOR
 from applr_ros1.why.events import SAVED, RobotStop
-from applr_ros1.why.outside import OTHER_PLANNER
-from applr_ros1.why.replay import POOR
 from tests.support.drives import before_a_monitor, until
 from tests.support.raw_messages import description_of, deserialize, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
@@ -74,7 +73,7 @@ def test_the_answer_has_the_planners_reason_and_a_guess(spoilt, tmp_path):
     words = answer.sentence
     assert words.startswith("the robot crept for 12 s at (")
     assert "because no command faster than" in words
-    assert words.endswith(f"; try {PLANNER}/vx_samples 1 -> 2")
+    assert words.endswith(f"; the replay's guess: {PLANNER}/vx_samples 1 -> 2")
 
 
 @pytest.mark.heavy
@@ -94,24 +93,6 @@ def test_a_reason_from_outside_needs_no_replay_and_has_no_guess(spoilt, tmp_path
     # What was said when the stop was found is corrected.
     first_words = f"the robot, which {HELD} at first, crept for 12 s at "
     assert answer.sentence.startswith(first_words)
-
-
-@pytest.mark.heavy
-def test_of_another_planner_what_is_seen_from_outside_is_said(spoilt, tmp_path):
-    robot, drive = spoilt
-    tree = robot.parameters()
-    tree["base_local_planner"] = "teb_local_planner/TebLocalPlannerROS"
-    tree["TebLocalPlannerROS"] = {"max_vel_x": 0.5, "max_vel_theta": 1.5}
-    teb = driving(robot, tree)
-    drive = replace(drive, planners=["TebLocalPlannerROS"])
-    (answer,) = answers(tmp_path / "teb.bag", teb, drive)
-    assert answer.kind == "crept"
-    assert answer.note == OTHER_PLANNER
-    # The node says it once.
-    assert OTHER_PLANNER not in answer.sentence
-    silent = replace(drive, scans=drive.scans.part(slice(0, 40)))
-    (silent_answer,) = answers(tmp_path / "silent.bag", teb, silent)
-    assert silent_answer.reason.startswith("there was no scan for")
 
 
 def test_messages_that_cannot_be_unpacked_are_left_out_and_counted(spoilt, tmp_path, caplog):

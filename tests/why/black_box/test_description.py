@@ -10,7 +10,6 @@ from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.why.black_box.description import (
     DescribedRobot,
     described_by,
-    driving,
     text_of,
     unknown_robot,
 )
@@ -42,14 +41,6 @@ def test_a_robot_is_described_by_a_text(name):
 def test_no_file_beside_a_bag_is_taken_for_one_of_the_robots():
     driven = DescribedRobot(replace(JACKAL, name="mine"), TopicNames(), True)
     assert described_by(text_of(driven), "stop.bag").robot.folder == "stop.bag"
-
-
-def test_the_parameters_are_those_with_which_move_base_runs():
-    tree = JACKAL.parameters()
-    tree["TrajectoryPlannerROS"]["sim_time"] = 3.5
-    del tree["TrajectoryPlannerROS"]["vx_samples"]
-    text = text_of(DescribedRobot(driving(JACKAL, tree), TopicNames(), True))
-    assert described_by(text, "stop.bag").robot.parameters() == tree
 
 
 def test_of_a_robot_without_a_folder_frames_and_size_follow_from_the_parameters():

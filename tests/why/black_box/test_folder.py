@@ -62,30 +62,19 @@ def test_a_stop_is_a_bag_in_a_folder_that_is_made(folder):
     assert folder.save(moment(0), MESSAGES).name == "stop_2026-11-29_10-00-00_2.bag"
 
 
-def test_the_oldest_bags_go_beyond_a_number(tmp_path):
-    folder = StopFolder(tmp_path, 2 * GB, 20)
-    for number in range(25):
-        bag_path = folder.save(moment(number), MESSAGES[:1])
-        # In the order of their making, however coarse the file system's clock is
-        os.utime(bag_path, (number, number))
-    bags = names(folder)
-    assert len(bags) == 20
-    assert bags[0] == bag_of(5)
-
-
-def test_the_size_of_all_bags_is_bounded_but_the_newest_one_stays(tmp_path):
-    folder = StopFolder(tmp_path, 2 * GB, 500)
-    first_bag = folder.save(moment(0), MESSAGES)
-    os.utime(first_bag, (0, 0))
+@pytest.mark.parametrize("bound", ["number", "size"])
+def test_the_oldest_bags_go_beyond_a_number_and_a_size_but_the_newest_one_stays(tmp_path, bound):
+    first_bag = StopFolder(tmp_path, 2 * GB, 500).save(moment(0), MESSAGES)
     size = first_bag.stat().st_size
-    bounded = StopFolder(tmp_path, 3 * size, 500)
+    limits = (2 * GB, 3) if bound == "number" else (3 * size, 500)
     for number in range(1, 6):
-        bag_path = bounded.save(moment(number), MESSAGES)
-        os.utime(bag_path, (number, number))
+        # In the order of their making, however coarse the file system's clock is
+        os.utime(tmp_path / bag_of(number - 1), (number, number))
+        StopFolder(tmp_path, *limits).save(moment(number), MESSAGES)
+    bounded = StopFolder(tmp_path, 10, 500)
     assert names(bounded) == [bag_of(3), bag_of(4), bag_of(5)]
-    tiny = StopFolder(tmp_path, 10, 500)
-    tiny.save(moment(6), MESSAGES)
-    assert names(tiny) == [bag_of(6)]
+    bounded.save(moment(6), MESSAGES)
+    assert names(bounded) == [bag_of(6)]
 
 
 def bag_without_description(path):

@@ -37,8 +37,9 @@ def messages_of(drive, has_goal=True, ended="", next_goal_at=np.inf, pause=0.0):
     """
     messages = []
     odometry = drive.odometry
-    for time, pose, twist in zip(odometry.time.tolist(), odometry.pose, odometry.twist):
-        row = {"stamp": Stamp(0), "frame": "odom", "pose": tuple(pose), "twist": tuple(twist)}
+    for number, time in enumerate(odometry.time.tolist()):
+        row = {name: getattr(odometry, name)[number] for name in ("pose", "twist", "sideways")}
+        row.update(stamp=Stamp(0), frame="odom")
         messages.append(Received(at(time), "odometry", [row]))
     last_time = float(odometry.time[-1])
     for time in np.arange(0.0, last_time, 0.2):
@@ -182,6 +183,41 @@ def test_a_stop_that_lasts_minutes_is_one():
     assert stop_count(messages_of(drive)) == 1
 
 
+@pytest.mark.parametrize("sideways", [0.4, -0.4])
+def test_a_robot_that_drives_sideways_does_not_stand(sideways):
+    strafes = np.repeat([0.0, sideways, 0.0], [60, 180, 60])
+    drive = drive_of(DRIVES + STANDS * 3 + DRIVES, sideways=strafes)
+    assert stops_of(messages_of(drive)) == []
+    # Its poses show it as well.
+    still = replace(drive.odometry, twist=0.0 * drive.odometry.twist, sideways=0.0 * strafes)
+    assert stops_of(messages_of(replace(drive, odometry=still))) == []
+
+
+def of_flex(messages, clients):
+    """Return messages whose goals are those of these actions of move_base_flex."""
+    flex_messages = []
+    for message in messages:
+        if message.key != "goals":
+            flex_messages.append(message)
+            continue
+        for action in ("get_path", "exe_path", "move_base"):
+            goal = message.rows[0]["running"]
+            running = f"{action} {goal}" if goal and action in clients else ""
+            status = {"running": running, "action": action}
+            flex_messages.append(message._replace(rows=[status]))
+    return flex_messages
+
+
+@pytest.mark.parametrize("clients", [("move_base", "exe_path"), ("exe_path",), ("get_path",)])
+def test_beside_move_base_flex_stops_are_the_same(clients):
+    # Given: a stop with a goal, and a longer stand until the next goal
+    drive = drive_of(DRIVES + STANDS * 2 + DRIVES + STANDS * 4 + DRIVES)
+    messages = messages_of(drive, next_goal_at=24.0, pause=12.0)
+    stops = stops_of(messages)
+    assert [stop.kind for _, stop in stops] == ["stood"]
+    assert stops_of(of_flex(messages, clients)) == stops
+
+
 def test_short_stops_slow_drives_and_robots_without_a_goal_do_not_stop():
     four_seconds = STANDS + STANDS[:20]
     assert stops_of(messages_of(drive_of(DRIVES + four_seconds + DRIVES))) == []
@@ -271,12 +307,6 @@ def test_a_goal_that_is_given_up_long_after_the_odometry_fell_silent_is_a_stop()
     (_, unheard), (_, given_up) = stops_of(silent + after)
     assert (unheard.kind, given_up.kind) == (events.UNHEARD, GAVE_UP)
     assert given_up.begin == pytest.approx(29.95, abs=0.2)
-
-
-def test_odometry_without_velocities_is_measured_by_its_poses():
-    drive = drive_of(DRIVES * 5)
-    still = replace(drive.odometry, twist=np.zeros_like(drive.odometry.twist))
-    assert stops_of(messages_of(replace(drive, odometry=still))) == []
 
 
 def test_the_detector_starts_anew_when_the_clock_jumps_back():
