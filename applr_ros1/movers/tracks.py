@@ -313,8 +313,7 @@ def follow(
         # A wall seems to move while its visible part grows.
         is_same_size = abs(cluster.radius - track.radius) < RESIZED_M
         if is_same_size and _is_clearly_moving(track, drift_x, drift_y):
-            points = cluster.points
-            is_proved = has_moved(points, history[:, track_index], earlier, depth, fan)
+            is_proved = has_moved(cluster.points, history[:, track_index], earlier, depth, fan)
             _weigh_evidence(track, is_proved, fan.stamp, interval)
         if fan.stamp - track.evident > SILENT_S:
             _become_static(track)
