@@ -452,7 +452,7 @@ def _start(track: Track, cluster: Cluster, stamp: float, number: int) -> None:
 
 @kernel
 def join_legs(discs: Array) -> None:
-    """Join the legs of each person in place. A leg that is joined to an earlier one gets radius inf.
+    """Join the legs of each person in place. A leg that is joined to another one gets radius inf.
 
     One leg stands while the other one swings at twice the speed of the person: their mean moves
     as the person does. What has not moved itself for SILENT_S, such as a post, is no leg.
