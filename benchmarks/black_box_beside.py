@@ -15,12 +15,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Dict, List, NamedTuple
 
 import rospy
-from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
-from geometry_msgs.msg import PoseStamped, Twist, Vector3
-from move_base_msgs.msg import MoveBaseActionResult
-from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import LaserScan
+from genpy.message import fill_message_args, get_message_class
 
+from applr_ros1.drives.columns import COLUMNS, GAVE_UP, Fields
+from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.senses.standing import ACTIVE
 from tests.support.ros import RosMaster
 
 RATE_HZ = 20
@@ -30,6 +29,7 @@ LASTS_S = 22.0  # time that is played [s]
 STRAFES_AT_S = 4.0  # time from which on the base beside TEB drives sideways [s]
 AT_ONCE = 3  # number of stops that are played at one time
 PLANNER = "TebLocalPlannerROS"
+FAN = (-math.pi, math.radians(5.0), 0.1, 30.0)  # of the laser (Scans.fan)
 HELD = r"the base did not follow its commands of 0\.30 m/s"
 
 
@@ -68,6 +68,17 @@ STOPS = (
 
 
 # -- the stack -------------------------------------------------------------------------------------
+class Header(NamedTuple):
+    """Sender of messages that are stamped now, in frames of the robot."""
+
+    robot: Robot = JACKAL
+    frame: str = "odom"
+
+    def header(self, time: float, frame: str) -> Fields:
+        """Return a std_msgs/Header of this moment."""
+        return {"stamp": rospy.get_rostime().to_nsec(), "frame_id": frame}
+
+
 class ForeignStack:
     """Plays what the nodes of a stack publish, in the node move_base or move_base_flex."""
 
@@ -75,7 +86,6 @@ class ForeignStack:
         self._stop = stop
         self._x = 0.0
         self._y = 0.0
-        root = rospy.get_name()
         costmap = {"robot_base_frame": "base_link", "global_frame": "odom"}
         layer = {"observation_sources": "scan", "scan": {"topic": "/scan"}}
         parameters: Dict[str, Any] = {
@@ -84,30 +94,32 @@ class ForeignStack:
             PLANNER: {"max_vel_x": SPEED, "max_vel_theta": 1.0},
         }
         planner_type = f"teb_local_planner/{PLANNER}"
+        self._actions = [""]
         if stop.stack == "flex":
             parameters["controllers"] = [{"name": PLANNER, "type": planner_type}]
+            self._actions = ["move_base/", "exe_path/", "get_path/"]
         else:
             parameters["base_local_planner"] = planner_type
         for name, value in parameters.items():
             rospy.set_param(f"~{name}", value)
-        types: Dict[str, Any] = {
-            "/odom": Odometry,
-            "/scan": LaserScan,
-            "/cmd_vel": Twist,
-            stop.command: Twist,
-            f"{root}/{PLANNER}/global_plan": Path,
-            f"{root}/NavfnROS/plan": Path,
+        keys = {
+            "/odom": "odometry",
+            "/scan": "scans",
+            "/cmd_vel": "commands",
+            stop.command: "commands",
+            f"~{PLANNER}/global_plan": "plans",
+            "~NavfnROS/plan": "routes",
+            f"~{self._actions[0]}result": "results",
         }
-        self._actions = ["move_base", "exe_path", "get_path"] if stop.stack == "flex" else [""]
         for action in self._actions:
-            types[f"{root}/{action}/status".replace("//", "/")] = GoalStatusArray
-        self._result = f"{root}/{self._actions[0]}/result".replace("//", "/")
-        types[self._result] = MoveBaseActionResult
+            keys[f"~{action}status"] = "goals"
         self._publishers = {}
-        for topic, message_type in types.items():
-            self._publishers[topic] = rospy.Publisher(topic, message_type, queue_size=5)
-        rospy.Subscriber("/odom", Odometry, lambda message: None)
-        rospy.Subscriber("/scan", LaserScan, lambda message: None)
+        for topic, key in keys.items():
+            message_class = get_message_class(COLUMNS[key].type.replace("/msg/", "/"))
+            publisher = rospy.Publisher(topic, message_class, queue_size=5)
+            self._publishers[topic] = (key, publisher)
+        for topic in ("/odom", "/scan"):
+            rospy.Subscriber(topic, self._publishers[topic][1].data_class, lambda message: None)
 
     def play(self) -> None:
         """Publish until the end."""
@@ -118,90 +130,59 @@ class ForeignStack:
 
     def _tick(self, tick: int, seconds: float) -> None:
         """Publish the messages of a time [s]."""
-        name = self._stop.name
         is_over = seconds >= STOPS_AT_S
-        # The velocity that is asked for, and that of the base
+        # What happens from now on
+        happens = self._stop.name if is_over else ""
         strafes = self._stop.stack == "omni" and seconds >= STRAFES_AT_S
-        asked = (0.0, SPEED) if strafes else (SPEED, 0.0)
-        drives = not is_over or name in ("drives on sideways", "goal given up", "odometry silent")
-        v, leftward = asked if drives else (0.0, 0.0)
-        self._x += v / RATE_HZ
-        self._y += leftward / RATE_HZ
-
-        if not (is_over and name == "odometry silent"):
-            odometry = Odometry(child_frame_id="base_link")
-            self._stamp(odometry)
-            odometry.pose.pose.position.x = self._x
-            odometry.pose.pose.position.y = self._y
-            odometry.pose.pose.orientation.w = 1.0
-            odometry.twist.twist.linear = Vector3(v, leftward, 0.0)
-            self._send("/odom", odometry)
-        has_goal = not is_over or name not in ("goal given up", "pause between goals")
-        if tick % 2 == 0 and has_goal and not (is_over and name == "no path"):
-            self._command(asked, is_over)
+        asked = {"twist": (0.0, 0.0) if strafes else (SPEED, 0.0), "sideways": SPEED * strafes}
+        drives = happens in ("", "drives on sideways", "goal given up", "odometry silent")
+        self._x += drives * asked["twist"][0] / RATE_HZ
+        self._y += drives * asked["sideways"] / RATE_HZ
+        has_goal = happens not in ("goal given up", "pause between goals")
+        if happens != "odometry silent":
+            measured = asked if drives else {"twist": (0.0, 0.0)}
+            self._send("/odom", stamp=0, pose=(self._x, self._y, 0.0), **measured)
+        if tick % 2 == 0 and has_goal and happens != "no path":
+            self._send(self._stop.command, **asked)
+            is_locked = is_over and self._stop.stack == "mux"
+            if self._stop.command != "/cmd_vel" and not is_locked:
+                self._send("/cmd_vel", **asked)
         if tick % 4 == 0:
-            self._sense(seconds)
-            self._report(has_goal)
-        if is_over and name == "goal given up" and tick == STOPS_AT_S * RATE_HZ:
-            status = GoalStatus(GoalID(id=f"{self._actions[0]} one"), GoalStatus.ABORTED, "")
-            self._send(self._result, MoveBaseActionResult(status=status))
+            if happens != "laser silent":
+                self._send("/scan", stamp=0, fan=FAN, ranges=self._room())
+            for action in self._actions:
+                is_pursued = has_goal and action.rstrip("/") in self._stop.actions.split(" ")
+                self._send(f"~{action}status", not is_pursued, id=f"{action} one", code=ACTIVE)
+        if happens == "goal given up" and tick == STOPS_AT_S * RATE_HZ:
+            action = self._actions[0]
+            self._send(f"~{action}result", id=f"{action} one", code=GAVE_UP)
         if tick % 10 == 0 and has_goal:
-            self._plan(is_over and name == "no path")
+            # To a goal 5 m away
+            path = [(self._x + 0.1 * step, self._y, 0.0) for step in range(50)]
+            if happens == "no path":
+                path = []
+            else:
+                self._send(f"~{PLANNER}/global_plan", path=path)
+            self._send("~NavfnROS/plan", path=path)
 
-    def _command(self, asked: Any, is_over: bool) -> None:
-        """Publish the planner's command, and that of a mux unless it is locked."""
-        v, leftward = asked
-        command = Twist(linear=Vector3(v, leftward, 0.0))
-        self._send(self._stop.command, command)
-        is_locked = is_over and self._stop.stack == "mux"
-        if self._stop.command != "/cmd_vel" and not is_locked:
-            self._send("/cmd_vel", command)
-
-    def _sense(self, seconds: float) -> None:
-        """Publish a scan of a room that is 20 m long, unless the laser is silent."""
-        if seconds >= STOPS_AT_S and self._stop.name == "laser silent":
-            return
-        scan = LaserScan(range_min=0.1, range_max=30.0, angle_min=-math.pi)
-        self._stamp(scan, "base_link")
-        scan.angle_increment = math.radians(5.0)
+    def _room(self) -> List[float]:
+        """Return what the laser sees of a room that is 20 m long."""
+        ranges = []
         for beam in range(72):
-            angle = scan.angle_min + beam * scan.angle_increment
-            wall_x = (10.0 - self._x) if math.cos(angle) > 0.0 else (10.0 + self._x)
-            wall_y = (10.0 - self._y) if math.sin(angle) > 0.0 else (10.0 + self._y)
+            angle = FAN[0] + beam * FAN[1]
+            wall_x = 10.0 - math.copysign(self._x, math.cos(angle))
+            wall_y = 10.0 - math.copysign(self._y, math.sin(angle))
             ahead = wall_x / max(abs(math.cos(angle)), 1e-6)
-            scan.ranges.append(min(ahead, wall_y / max(abs(math.sin(angle)), 1e-6)))
-        self._send("/scan", scan)
+            ranges.append(min(ahead, wall_y / max(abs(math.sin(angle)), 1e-6)))
+        return ranges
 
-    def _report(self, has_goal: bool) -> None:
-        """Publish the status of each action."""
-        for action in self._actions:
-            message = GoalStatusArray()
-            self._stamp(message)
-            if has_goal and (not action or action in self._stop.actions.split()):
-                status = GoalStatus(GoalID(id=f"{action} one"), GoalStatus.ACTIVE, "")
-                message.status_list.append(status)
-            self._send(f"{rospy.get_name()}/{action}/status".replace("//", "/"), message)
-
-    def _plan(self, is_empty: bool) -> None:
-        """Publish the plans, to a goal 5 m away."""
-        path = Path()
-        self._stamp(path)
-        for step in range(0 if is_empty else 50):
-            pose = PoseStamped(header=path.header)
-            pose.pose.position.x = self._x + 0.1 * step
-            pose.pose.position.y = self._y
-            pose.pose.orientation.w = 1.0
-            path.poses.append(pose)
-        self._send(f"{rospy.get_name()}/NavfnROS/plan", path)
+    def _send(self, topic: str, is_empty: bool = False, **row: Any) -> None:
+        """Publish a row of a drive, or a message without any."""
+        key, publisher = self._publishers[topic]
+        message = publisher.data_class()
         if not is_empty:
-            self._send(f"{rospy.get_name()}/{PLANNER}/global_plan", path)
-
-    def _stamp(self, message: Any, frame: str = "odom") -> None:
-        message.header.stamp = rospy.get_rostime()
-        message.header.frame_id = frame
-
-    def _send(self, topic: str, message: Any) -> None:
-        self._publishers[topic].publish(message)
+            fill_message_args(message, [COLUMNS[key].pack({"time": 0.0, **row}, Header())])
+        publisher.publish(message)
 
 
 # -- the rows --------------------------------------------------------------------------------------

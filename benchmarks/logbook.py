@@ -20,11 +20,11 @@ from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.why.outside import seen_from_outside
 from benchmarks.why import EQUAL_PARAMETERS, JUDGING, RESULTS, faults
 from sim_bridge.kinematic_simulator import KinematicSimulator
+from tests.support.bags import write
 from tests.support.drives import simulated
 from training.attempts.candidates import Candidate, with_changes
 from training.attempts.trials import RANDOM
 from training.bags.read import bags_in
-from training.bags.write import write
 from training.why.common_change import CommonChange, change_for
 from training.why.logbook import logbook_of
 from training.why.logbook_words import lines_of

@@ -433,10 +433,10 @@ def reproduced(path: str) -> None:
     planner = RerunPlanner(JACKAL)
     options = why.WhyOptions(bag=[path], robot=JACKAL)
     replay = replay_of(recording_of(Path(path), options, planner), planner)
-    close_share = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
+    close_share = sum(cycle.error < 0.1 for cycle in replay.cycles) / len(replay.cycles)
     processor_time = process_time() - began
     print(
-        f"{path}: {replay.commands} commands, {replay.share:.1%} to 1e-6, "
+        f"{path}: {len(replay.cycles)} commands, {replay.share:.1%} to 1e-6, "
         f"{close_share:.1%} within 0.1, {processor_time:.1f} s of one core"
     )
 

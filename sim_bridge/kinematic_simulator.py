@@ -22,7 +22,7 @@ from applr_ros1.robots import Robot
 from . import wheels
 from .mechanics import STEP, mechanics
 from .records import Records, record, record_type
-from .simulator import SOON_S, RobotState, Simulator
+from .simulator import SOON_S, Simulator
 from .wheels import Vector, Vehicle
 
 _MARGIN_M = 0.02  # distance below which contacts are tracked [m]
@@ -128,21 +128,10 @@ class KinematicSimulator(Simulator):
         body = BodyState(*self.body[0].item())
         com_x, com_y = self._mechanics.com
         # base_link moves with the centre of mass, and around it in a turn.
-        speed = body.forward + body.yaw_rate * com_y
-        acceleration = (speed - self.state.twist[0]) / duration
-        odometry = self._odometry
-        odometry.integrate(duration, body.rolled, body.yaw, body.yaw_rate, acceleration)
+        twist = body.forward + body.yaw_rate * com_y, body.yaw_rate
         # From the centre of mass back to base_link
         x, y = transform_point((body.x, body.y, body.yaw), -com_x, -com_y)
-        self.state = RobotState(
-            time=self._steps * STEP,
-            pose=(x, y, body.yaw),
-            twist=(speed, body.yaw_rate),
-            odom_pose=odometry.pose,
-            odom_twist=odometry.twist,
-            contact=body.touched > 0.0,
-            imu=odometry.imu,
-        )
+        self._update((x, y, body.yaw), twist, body.rolled, duration, body.touched > 0.0)
 
     def _circles_during(self, duration: float) -> Array:
         """Return the obstacles that are circles during the next `duration` [s].

@@ -7,6 +7,7 @@ engine are slow and wrong by up to a centimetre. Tests compare the scans with br
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import pi, sqrt
 from typing import NamedTuple
 
@@ -17,8 +18,9 @@ from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots.robot import Laser
 
+from .records import Records, record
+
 _NO_MOVERS = np.empty((0, 3))
-_JUMP_M = 0.5  # displacement of the laser above which the last order of the circles is useless [m]
 # Margins of the angle that an obstacle covers, above the errors of _bearing and of the arcsine
 # [rad]
 _CIRCLE_MARGIN = 0.0005
@@ -27,7 +29,8 @@ _EDGE_MARGIN = 0.001
 _ARCSINE_REST = 0.4041297
 
 
-class BeamFan(NamedTuple):
+@dataclass
+class BeamFan:
     """Geometry of the beams of one laser."""
 
     first_angle: float  # [rad]
@@ -63,7 +66,6 @@ class Lidar:
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
         self._order = np.arange(len(self.circles))  # circles by distance in the last scan
         self._squares = np.empty(len(self.circles))  # squared distances in the last scan [m^2]
-        self._sorted_at = (np.inf, np.inf)
 
     def scan(self, x: float, y: float, yaw: float, movers: Array = _NO_MOVERS) -> Array32:
         """Return the exact ranges (beams,) float32 [m] of the laser at (x, y) with heading `yaw`.
@@ -71,11 +73,6 @@ class Lidar:
         +inf means nothing within range_max, and -inf an obstacle nearer than range_min or around
         the laser. `movers` (k, 3) are additional circles x, y, radius for this scan only.
         """
-        # Insertion sort takes long if the order of the last scan is far from the right one.
-        if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > _JUMP_M:
-            distances = np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y)
-            self._order[:] = np.argsort(distances)
-        self._sorted_at = (x, y)
         ranges = np.empty(len(self._cosines), dtype=np.float32)
         _scan(
             (x, y, yaw),
@@ -92,11 +89,8 @@ class Lidar:
         return ranges
 
 
-def _fan(laser: Laser) -> Array:
-    """Return the numbers (5,) of a laser's Fan.
-
-    numba takes them as an array in a tenth of the time that it needs for a NamedTuple.
-    """
+def _fan(laser: Laser) -> Records:
+    """Return the record (1,) of a laser's BeamFan."""
     first_angle = laser.first_angle
     while first_angle > pi:  # Bearings from -pi to pi must lie at most one turn away from the fan.
         first_angle -= 2 * pi
@@ -107,7 +101,7 @@ def _fan(laser: Laser) -> Array:
         range_min=laser.range_min,
         range_max=laser.range_max,
     )
-    return np.array(fan)
+    return record(fan)
 
 
 def box_edges(boxes: Array) -> Array:
@@ -150,28 +144,43 @@ def _bearing(y: float, x: float) -> float:
 
 @kernel
 def _cut_circle(
-    x: float, y: float, radius: float, square: float, rays: LaserBeams, nearest: Array
+    circle: Array,
+    laser_x: float,
+    laser_y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    rays: LaserBeams,
+    nearest: Array,
 ) -> bool:
-    """Shorten the ranges `nearest` (beams,) of beams that hit a circle.
+    """Shorten the ranges of beams that hit a circle.
 
     Args:
-        x: x of the centre in the laser frame [m].
-        y: y of the centre [m].
-        radius: Radius of the circle [m].
-        square: x^2 + y^2 [m^2].
+        circle: x, y, radius of the circle [m].
+        laser_x: Place of the laser [m].
+        laser_y: Place of the laser [m].
+        cos_yaw: Cosine of the laser's heading.
+        sin_yaw: Sine of the laser's heading.
         rays: Beams of the laser.
-        nearest: Ranges so far [m].
+        nearest: Ranges so far (beams,) [m].
 
     Returns:
         True if the laser is inside the circle.
     """
     fan = rays.fan
+    offset_x = circle[0] - laser_x
+    offset_y = circle[1] - laser_y
+    radius = circle[2]
+    square = offset_x * offset_x + offset_y * offset_y
     if square <= radius * radius:
         return True
     distance = sqrt(square)
     gap = distance - radius
     if gap > fan.range_max:
         return False
+
+    # Centre in the laser frame
+    x = cos_yaw * offset_x + sin_yaw * offset_y
+    y = cos_yaw * offset_y - sin_yaw * offset_x
 
     # Beams within the angle that the circle covers, from an upper bound of arcsin(radius /
     # distance): its series is ratio (1 + ratio^2 / 6 + ...), where all further terms together are
@@ -241,7 +250,8 @@ def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: LaserBeams, near
 def _sort(order: Ints, keys: Array) -> None:
     """Sort `order` (n,), a permutation, by `keys` (n,), with insertion sort.
 
-    This is fast, because the order of the last scan is nearly right.
+    This is fast, because the order of the last scan is nearly right. In a new world, 400 circles
+    take less than 0.1 ms.
     """
     for rank in range(1, order.shape[0]):
         moved = order[rank]
@@ -260,7 +270,7 @@ def _scan(
     edges: Array,
     order: Ints,
     squares: Array,
-    numbers: Array,
+    fans: Records,
     cosines: Array,
     sines: Array,
     ranges: Array32,
@@ -268,11 +278,11 @@ def _scan(
     """Write the ranges (beams,) of a laser at `pose` [m, m, rad]; see Lidar.
 
     `order` (n,) are the indices of `circles` by distance, which are sorted again. `squares` (n,) is
-    room for the squared distances [m^2]. `numbers` (5,) are those of the Fan, `cosines` and `sines`
-    (beams,) those of the beams' angles.
+    room for the squared distances [m^2]. `fans` is the record (1,) of a BeamFan, `cosines` and
+    `sines` (beams,) are those of the beams' angles.
     """
     x, y, yaw = pose
-    fan = BeamFan(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4])
+    fan: BeamFan = fans[0]
     rays = LaserBeams(fan, cosines, sines)
     nearest = np.full(ranges.shape[0], fan.range_max)
     cos_yaw = np.cos(yaw)
@@ -286,18 +296,9 @@ def _scan(
         squares[index] = offset_x * offset_x + offset_y * offset_y
     _sort(order, squares)
     for index in order:
-        offset_x = circles[index, 0] - x
-        offset_y = circles[index, 1] - y
-        laser_x = cos_yaw * offset_x + sin_yaw * offset_y
-        laser_y = cos_yaw * offset_y - sin_yaw * offset_x
-        covered |= _cut_circle(laser_x, laser_y, circles[index, 2], squares[index], rays, nearest)
+        covered |= _cut_circle(circles[index], x, y, cos_yaw, sin_yaw, rays, nearest)
     for index in range(movers.shape[0]):
-        offset_x = movers[index, 0] - x
-        offset_y = movers[index, 1] - y
-        laser_x = cos_yaw * offset_x + sin_yaw * offset_y
-        laser_y = cos_yaw * offset_y - sin_yaw * offset_x
-        square = offset_x * offset_x + offset_y * offset_y
-        covered |= _cut_circle(laser_x, laser_y, movers[index, 2], square, rays, nearest)
+        covered |= _cut_circle(movers[index], x, y, cos_yaw, sin_yaw, rays, nearest)
 
     # Boxes, four sides each
     for index in range(0, edges.shape[0], 4):

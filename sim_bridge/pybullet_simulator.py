@@ -21,7 +21,7 @@ from . import bullet_scene as scene
 from . import wheels
 from .mechanics import STEP, mechanics
 from .records import Records
-from .simulator import RobotState, Simulator
+from .simulator import Simulator
 from .wheels import Vector, Vehicle
 
 BodyPlacement = Tuple[Vector, Quaternion]  # position [m] and attitude of the body's centre of mass
@@ -119,20 +119,8 @@ class PybulletSimulator(Simulator):
 
         # State of base_link at the end of the last step
         pose, speed, upright = _planar(self._vehicle, placement, motion)
-        duration = steps * STEP
-        yaw_rate = motion[1][2]
-        acceleration = (speed - self.state.twist[0]) / duration
-        odometry = self._odometry
-        odometry.integrate(duration, rolled / steps, pose[2], yaw_rate, acceleration)
-        self.state = RobotState(
-            time=self._steps * STEP,
-            pose=pose,
-            twist=(speed, yaw_rate),
-            odom_pose=odometry.pose,
-            odom_twist=odometry.twist,
-            contact=has_touched,
-            flipped=upright < 0.5,
-            imu=odometry.imu,
+        self._update(
+            pose, (speed, motion[1][2]), rolled / steps, steps * STEP, has_touched, upright < 0.5
         )
 
     def _place_movers(self, steps: int, position: Sequence[float]) -> List[int]:

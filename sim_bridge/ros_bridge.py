@@ -157,7 +157,7 @@ class Bridge:
                 if ticks % ticks_per_state == 0:
                     self.topics.publish_state(state, stamp, self.touched)
                     self.touched = False
-                if ticks % ticks_per_scan == 0:
+                if ticks % ticks_per_scan == 0 and not self.simulator.loses_scan():
                     self.topics.publish_scan(self.simulator.scan(), stamp)
                 if ticks % ticks_per_movers == 0:
                     self.topics.publish_movers(self.simulator, stamp)
@@ -219,15 +219,16 @@ class Bridge:
         return EmptyResponse()
 
     # -- Gazebo services ---------------------------------------------------------------------------
-    def pause(self) -> None:
+    def pause(self, _: Any) -> EmptyResponse:
         """Stop simulated time, and return after the current step."""
         self.running.clear()
         with self.lock:
-            pass
+            return EmptyResponse()
 
-    def unpause(self) -> None:
+    def unpause(self, _: Any) -> EmptyResponse:
         """Resume simulated time."""
         self.running.set()
+        return EmptyResponse()
 
     def teleport(self, pose: Any) -> None:
         """Place the robot at rest at `pose` (x, y, yaw) in the world frame, while time goes on."""

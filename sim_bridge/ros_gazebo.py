@@ -20,7 +20,7 @@ from gazebo_msgs.srv import (
     SetModelState,
     SetModelStateResponse,
 )
-from std_srvs.srv import Empty, EmptyResponse
+from std_srvs.srv import Empty
 
 from applr_ros1.common.angles import yaw_of
 
@@ -37,18 +37,8 @@ class GazeboInterface:
         self.robot = bridge.simulator.robot.name
         rospy.Service("/gazebo/set_model_state", SetModelState, self.set_model_state)
         rospy.Service("/gazebo/get_model_state", GetModelState, self.get_model_state)
-        rospy.Service("/gazebo/pause_physics", Empty, self.pause_physics)
-        rospy.Service("/gazebo/unpause_physics", Empty, self.unpause_physics)
-
-    def pause_physics(self, _: Any) -> EmptyResponse:
-        """Stop simulated time."""
-        self.bridge.pause()
-        return EmptyResponse()
-
-    def unpause_physics(self, _: Any) -> EmptyResponse:
-        """Resume simulated time."""
-        self.bridge.unpause()
-        return EmptyResponse()
+        rospy.Service("/gazebo/pause_physics", Empty, bridge.pause)
+        rospy.Service("/gazebo/unpause_physics", Empty, bridge.unpause)
 
     def set_model_state(self, request: Any) -> SetModelStateResponse:
         """Place the robot at rest at the requested pose, while time goes on."""

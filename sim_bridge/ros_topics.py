@@ -5,7 +5,7 @@ ros_bridge.py publishes through this module. Poses are planar, at the height of 
 
 from __future__ import annotations
 
-from typing import List, Sequence
+from typing import Any, List, Sequence
 
 import numpy as np
 import rospy
@@ -105,7 +105,7 @@ class BridgeTopics:
         clear = Marker(action=Marker.DELETEALL)  # also deletes the markers of publish_movers
         clear.header.frame_id = WORLD
         cylinders = _cylinders("cylinders", GREY, world.cylinders.tolist(), stamp)
-        boxes = _boxes(world.boxes.tolist(), stamp)
+        boxes = _markers("boxes", Marker.CUBE, BROWN, world.boxes.tolist(), stamp)
         self.obstacles.publish([clear, *cylinders, *boxes])
         if self.map is not None:
             self.map.publish(_map(self.robot.frames.map, world, stamp))
@@ -226,37 +226,25 @@ def _cylinders(
     name: str, colour: ColorRGBA, circles: Sequence[Sequence[float]], stamp: rospy.Time
 ) -> List[Marker]:
     """Return the markers of cylinders x, y, radius [m]."""
-    markers = []
-    for number, (x, y, radius) in enumerate(circles):
-        marker = _marker(name, number, (x, y, 0.0), colour, stamp)
-        marker.type = Marker.CYLINDER
-        marker.scale.x = 2 * radius
-        marker.scale.y = 2 * radius
-        markers.append(marker)
-    return markers
+    places = [(x, y, 0.0, 2 * radius, 2 * radius) for x, y, radius in circles]
+    return _markers(name, Marker.CYLINDER, colour, places, stamp)
 
 
-def _boxes(boxes: Sequence[Sequence[float]], stamp: rospy.Time) -> List[Marker]:
-    """Return the markers of boxes x, y, yaw, size_x, size_y [m, rad]."""
+def _markers(
+    name: str, shape: int, colour: ColorRGBA, places: Sequence[Any], stamp: rospy.Time
+) -> List[Marker]:
+    """Return the markers of obstacles on the ground: x, y, yaw, size_x, size_y [m, rad]."""
     markers = []
-    for number, (x, y, yaw, size_x, size_y) in enumerate(boxes):
-        marker = _marker("boxes", number, (x, y, yaw), BROWN, stamp)
-        marker.type = Marker.CUBE
+    for number, (x, y, yaw, size_x, size_y) in enumerate(places):
+        marker = Marker(ns=name, id=number, type=shape, color=colour)
+        marker.header.frame_id = WORLD
+        marker.header.stamp = stamp
+        marker.pose.position.x = x
+        marker.pose.position.y = y
+        marker.pose.position.z = OBSTACLE_HEIGHT_M / 2
+        marker.pose.orientation = quaternion(yaw)
         marker.scale.x = size_x
         marker.scale.y = size_y
+        marker.scale.z = OBSTACLE_HEIGHT_M
         markers.append(marker)
     return markers
-
-
-def _marker(name: str, number: int, pose: Pose, colour: ColorRGBA, stamp: rospy.Time) -> Marker:
-    """Return the marker of an obstacle on the ground, without type and horizontal size."""
-    x, y, yaw = pose
-    marker = Marker(ns=name, id=number, color=colour)
-    marker.header.frame_id = WORLD
-    marker.header.stamp = stamp
-    marker.pose.position.x = x
-    marker.pose.position.y = y
-    marker.pose.position.z = OBSTACLE_HEIGHT_M / 2
-    marker.pose.orientation = quaternion(yaw)
-    marker.scale.z = OBSTACLE_HEIGHT_M
-    return marker

@@ -20,6 +20,7 @@ from applr_ros1.common.scan import LaserScan
 from applr_ros1.robots import Robot, load
 from worlds import World
 
+from .laser_errors import LaserErrors
 from .lidar import Lidar
 from .mechanics import STEP
 from .odometry import Odometry
@@ -56,7 +57,7 @@ class Randomisation:
 
     start_xy: float = 0.0  # maximum shift of the start along x and y [m]
     start_yaw: float = 0.0  # maximum rotation of the start [rad]
-    scan_noise: Span = 1.0  # scale factor for laser noise
+    scan_noise: Span = 1.0  # scale factor for laser noise, unless the robot names its sensor
     latency: Span = 0.0  # delay from command() to the wheels [s]
     friction: Span = 1.0  # scale factor for wheel friction
     slip: Span = 1.0  # scale factor for random slip and drift
@@ -160,6 +161,10 @@ class Simulator(ABC):
         self._steps = 0
         self._elapsed = 0.0
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
+        self._laser_errors: Optional[LaserErrors] = None
+        if self.robot.laser.has_errors:
+            laser_rng = np.random.default_rng([errors_seed, 3])
+            self._laser_errors = LaserErrors(self.robot.laser, self.state, laser_rng)
         self._place(pose, new_world)
         return self.state
 
@@ -187,7 +192,13 @@ class Simulator(ABC):
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps > 0:
             self._drive(steps)
+        if self._laser_errors is not None:
+            self._laser_errors.remember(self.state)
         return self.state
+
+    def loses_scan(self) -> bool:
+        """Return whether the laser has no scan now, although one is due (laser.gaps)."""
+        return self._laser_errors is not None and self._laser_errors.loses_scan()
 
     def scan(self) -> Array32:
         """Return the laser ranges (beams,) float32 [m] now, with new noise at each call.
@@ -195,12 +206,17 @@ class Simulator(ABC):
         As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
         laser = self.robot.laser
-        x, y, yaw = laser.pose_for(self.state.pose)
-        circles = self.world.mover_circles(self.state.time)
-        ranges: Array32 = self._lidar.scan(x, y, yaw, circles)
+        errors = self._laser_errors
+        state = self.state if errors is None else errors.past[0]
+        laser_pose = laser.pose_for(state.pose)
+        ranges: Array32 = self._lidar.scan(*laser_pose, self.world.mover_circles(state.time))
+        if errors is not None:
+            errors.add(ranges, laser_pose)
+        # The factor stands for what is unknown of a laser. The errors of a named one are known.
+        factor = 1.0 if laser.sensor else self.drawn.scan_noise
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         # In place, because a scan is drawn in every control cycle of a training.
-        noise *= np.float32(laser.noise * self.drawn.scan_noise)
+        noise *= np.float32(laser.noise * factor)
         return np.add(ranges, noise, out=ranges)
 
     def laser_scan(self) -> LaserScan:
@@ -239,6 +255,9 @@ class Simulator(ABC):
         self.state = replace(
             self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False
         )
+        if self._laser_errors is not None:
+            # What was measured at the old place would be taken for the new one.
+            self._laser_errors.past = [self.state]
         odom_x, odom_y, _ = self.state.odom_pose
         self.set_odometry((odom_x, odom_y, yaw))
         self.odom_origin = (x - odom_x, y - odom_y)
@@ -267,7 +286,40 @@ class Simulator(ABC):
 
     @abstractmethod
     def _drive(self, steps: int) -> None:
-        """Simulate `steps` steps towards `_target(time)`; update self._steps and self.state."""
+        """Simulate `steps` steps towards `_target(time)`; count self._steps, and call _update()."""
+
+    def _update(
+        self,
+        pose: Pose,
+        twist: Twist,
+        rolled: float,
+        duration: float,
+        contact: bool,
+        flipped: bool = False,
+    ) -> None:
+        """Store the state after the last steps.
+
+        Args:
+            pose: True pose of base_link [m, m, rad].
+            twist: True twist [m/s, rad/s].
+            rolled: Mean speed of the wheels' rims in these steps [m/s].
+            duration: Duration of these steps [s].
+            contact: Whether the robot touched an obstacle.
+            flipped: Whether the robot has fallen over.
+        """
+        acceleration = (twist[0] - self.state.twist[0]) / duration
+        odometry = self._odometry
+        odometry.integrate(duration, rolled, pose[2], twist[1], acceleration)
+        self.state = RobotState(
+            time=self._steps * STEP,
+            pose=pose,
+            twist=twist,
+            odom_pose=odometry.pose,
+            odom_twist=odometry.twist,
+            contact=contact,
+            flipped=flipped,
+            imu=odometry.imu,
+        )
 
     def _target(self, time: float) -> Twist:
         """Return the command (v, w) that the base follows at `time`, after latency and time-out."""

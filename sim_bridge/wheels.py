@@ -149,35 +149,36 @@ def turn_wheels(
 def _rims(v: float, w: float, table: Array, constants: Constants) -> Tuple[float, float]:
     """Return the mean and half the difference of the rim speeds [m/s] for (v, w).
 
-    The addition to the speed and the multiplier of the track are a bilinear interpolation between
-    four entries of the table. A command beyond the table takes its last entries.
+    A command beyond the table takes its last entries.
     """
     row = min(abs(v) * constants.intervals_per_speed, table.shape[0] - 1.001)
     column = min(abs(w) * constants.intervals_per_turn, table.shape[1] - 1.001)
+    addition = _interpolated(table, row, column, 0)
+    multiplier = _interpolated(table, row, column, 1)
+    if v <= 0.0:  # The table holds forward speeds.
+        addition = -addition
+    return v + addition, 0.5 * constants.track * w * multiplier
+
+
+@kernel
+def _interpolated(table: Array, row: float, column: float, entry: int) -> float:
+    """Return an entry of the table at (row, column), bilinearly interpolated."""
     first_row = int(row)
     first_column = int(column)
-    # Bilinear interpolation: each weight is the area of the rectangle opposite its entry.
+    # Each weight is the area of the rectangle opposite its entry.
     row -= first_row
     column -= first_column
     weight_00 = (1.0 - row) * (1.0 - column)
     weight_01 = (1.0 - row) * column
     weight_10 = row * (1.0 - column)
     weight_11 = row * column
-    addition = (
-        weight_00 * table[first_row, first_column, 0]
-        + weight_01 * table[first_row, first_column + 1, 0]
-        + weight_10 * table[first_row + 1, first_column, 0]
-        + weight_11 * table[first_row + 1, first_column + 1, 0]
+    interpolated: float = (
+        weight_00 * table[first_row, first_column, entry]
+        + weight_01 * table[first_row, first_column + 1, entry]
+        + weight_10 * table[first_row + 1, first_column, entry]
+        + weight_11 * table[first_row + 1, first_column + 1, entry]
     )
-    multiplier = (
-        weight_00 * table[first_row, first_column, 1]
-        + weight_01 * table[first_row, first_column + 1, 1]
-        + weight_10 * table[first_row + 1, first_column, 1]
-        + weight_11 * table[first_row + 1, first_column + 1, 1]
-    )
-    if v <= 0.0:  # The table holds forward speeds.
-        addition = -addition
-    return v + addition, 0.5 * constants.track * w * multiplier
+    return interpolated
 
 
 @kernel(error_model="numpy", forceinline=True)

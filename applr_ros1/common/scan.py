@@ -20,6 +20,9 @@ from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 
 LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
+# Angle from which on a gap between two returns is the open, if the driver has a value of its own
+# for no return [rad]. A narrower one may be a dark surface.
+OPEN_RAD = math.pi / 2
 SHARED_S = 1.0  # time for which the latest cloud of another sensor on the same topic is kept [s]
 Point3D = Tuple[float, float, float]
 RangeLimits = Tuple[np.float32, np.float32]
@@ -32,7 +35,7 @@ class LaserScan:
     Attributes:
         stamp: Time of the scan [s].
         ranges: (n,) float32 [m] as in the message, but +inf for no return. All but the costmaps
-            use `distances`.
+            use `distances` and `free`.
         sensor_pose: (x, y, yaw) of the laser in the costmap's frame at `stamp` [m, m, rad].
         sensor_height: z of the laser [m].
         rotation: Orientation (x, y, z, w) of a tilted or inverted laser, used instead of the yaw in
@@ -41,6 +44,8 @@ class LaserScan:
             sensor_frame).
         sweep: Time from the first beam to the last [s], 0 if all are measured at once.
         frame: Frame of the laser, by which several lasers on one topic are told apart.
+        no_return: Range that the driver publishes for no return (Laser of robot.yaml), None if
+            there is none.
     """
 
     stamp: float
@@ -55,11 +60,24 @@ class LaserScan:
     origin: Optional[Point3D] = None
     sweep: float = 0.0
     frame: str = ""
+    no_return: Optional[float] = None
 
     @cached_property
     def distances(self) -> Array32:
         """What each beam has shown (n,) [m], as distances_of() returns it."""
-        return distances_of(self.ranges, self.range_min, self.range_max)
+        distances = distances_of(self.ranges, self.range_min, self.range_max)
+        if self.no_return is not None:
+            # What a narrow gap hides is unknown.
+            distances[self.free < distances] = np.nan
+        return distances
+
+    @cached_property
+    def free(self) -> Array32:
+        """Distance up to which each beam is free (n,) [m]; else as `distances`."""
+        if self.no_return is None:
+            return self.distances
+        distances = distances_of(self.ranges, self.range_min, self.range_max)
+        return _free_as_beside(distances, self.angle_increment)
 
 
 @dataclass
@@ -130,6 +148,36 @@ def distances_of(ranges: Any, range_min: float, range_max: float) -> Array32:
     distances[distances < np.float64(range_min)] = -np.inf
     distances[distances >= np.float64(range_max)] = np.inf
     return distances
+
+
+def _free_as_beside(distances: Array32, increment: float) -> Array32:
+    """Return the distances (n,) [m], but for no return the smaller of the returns on both sides.
+
+    A driver with a value of its own for no return sends it for dark and glossy surfaces as well.
+    In a gap of OPEN_RAD or more, no return is the open.
+    """
+    beam_count = len(distances)
+    returns = np.flatnonzero(np.isfinite(distances))
+    # Beams and distances at the edges of all gaps. The ends of a fan are open.
+    edges = np.concatenate([[-1], returns, [beam_count]])
+    bounds = np.concatenate([[np.inf], distances[returns], [np.inf]])
+    if len(returns) and covers_full_turn(beam_count, increment):
+        edges[[0, -1]] = returns[-1] - beam_count, returns[0] + beam_count
+        bounds[[0, -1]] = bounds[[-2, 1]]
+
+    gaps = np.flatnonzero(np.isposinf(distances))
+    last = np.searchsorted(edges, gaps)
+    is_narrow = (edges[last] - edges[last - 1]) * abs(increment) < OPEN_RAD
+    nearer = np.minimum(bounds[last], bounds[last - 1])
+    free = distances.copy()
+    free[gaps] = np.where(is_narrow, nearer, np.inf)
+    return free
+
+
+@kernel
+def covers_full_turn(count: int, increment: float) -> bool:
+    """Return whether `count` beams that are `increment` [rad] apart cover a full turn."""
+    return (count + 0.5) * abs(increment) >= 2.0 * math.pi
 
 
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:

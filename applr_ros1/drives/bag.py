@@ -210,8 +210,7 @@ def _part(drive: Drive, key: str, values: Row, robot: Robot) -> str:
         return drive.planners[0] if drive.planners else robot.local_planner
     if key == "routes":
         return GLOBAL_PLANNER
-    part_name = COLUMNS[key].part
-    return str(values[part_name]) if part_name else ""
+    return str(values.get(COLUMNS[key].part, ""))
 
 
 def _values_of(drive: Drive, key: str) -> Iterator[Row]:
@@ -233,11 +232,8 @@ def _values_of(drive: Drive, key: str) -> Iterator[Row]:
         return
     elif isinstance(column, Rows):
         for values in _rows_as_values(column):
-            # Frames that do not move, and move_base itself, have topics of their own.
-            is_static = values.get("is_static", False)
-            is_own = values.get("server") == ""
-            on_own_topic = key == "static_transforms", key == "move_base_changes"
-            if (is_static, is_own) == on_own_topic:
+            # Frames that do not move have a topic of their own.
+            if values.get("is_static", False) == (key == "static_transforms"):
                 yield values
     elif isinstance(column, np.ndarray):
         for time in column.tolist():

@@ -98,13 +98,14 @@ class Column(NamedTuple):
     """Topic with a column of a drive.
 
     Attributes:
-        topic: Name with fields of TopicNames in braces; `*` stands for a planner or a server.
+        topic: Name with fields of TopicNames in braces; `*` stands for a planner or a server. It is
+            usual: an action of move_base_flex may stand there, too, and nothing for move_base.
         type: Type of the messages that are written.
         unpack: Function that returns the rows in a message. It gives what the column's class in
             drive.py has, except for the time at which the message came. Fields of other names say
             more of the message, such as its `frame`.
         pack: Function that returns the fields of the message with a row.
-        part: Name of the row's field that `*` is.
+        part: Name of the row's field with what stands there; "" if nothing does.
         part_of: Name of the column in Drive, if it has several topics; "" if it is the key.
     """
 
@@ -277,11 +278,6 @@ def _unpack_change(message: Any) -> List[Row]:
     for field in (*message.bools, *message.ints, *message.strs, *message.doubles):
         values[field.name] = field.value
     return [{"values": values}]
-
-
-def _unpack_own_change(message: Any) -> List[Row]:
-    """Return the row of a dynamic_reconfigure/Config of move_base itself, whose server is ""."""
-    return [{"server": "", **row} for row in _unpack_change(message)]
 
 
 def _pack_change(row: Mapping[str, Any], sender: Sender) -> Fields:
@@ -514,7 +510,11 @@ COLUMNS: Dict[str, Column] = {
         "{move_base}/current_goal", "geometry_msgs/msg/PoseStamped", _unpack_goal, _pack_goal
     ),
     "goals": Column(
-        "{move_base}/status", "actionlib_msgs/msg/GoalStatusArray", _unpack_status, _pack_status
+        "{move_base}/status",
+        "actionlib_msgs/msg/GoalStatusArray",
+        _unpack_status,
+        _pack_status,
+        part="action",
     ),
     "odometry": Column("{odometry}", "nav_msgs/msg/Odometry", _unpack_odometry, _pack_odometry),
     "transforms": Column(
@@ -537,13 +537,6 @@ COLUMNS: Dict[str, Column] = {
         _unpack_change,
         _pack_change,
         part="server",
-    ),
-    "move_base_changes": Column(
-        "{move_base}/parameter_updates",
-        "dynamic_reconfigure/msg/Config",
-        _unpack_own_change,
-        _pack_change,
-        part_of="changes",
     ),
     "decisions": Column(
         "{applr}/decision", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision
@@ -574,6 +567,7 @@ COLUMNS: Dict[str, Column] = {
         "move_base_msgs/msg/MoveBaseActionResult",
         _unpack_result,
         _pack_result,
+        part="action",
         part_of="goals",
     ),
 }
@@ -585,5 +579,5 @@ def column_of(key: str) -> str:
 
 
 def topic_of(key: str, names: TopicNames, part: str = "*") -> str:
-    """Return a topic of COLUMNS. `part` replaces `*`: the name of a planner or of a server."""
-    return COLUMNS[key].topic.format(**vars(names)).replace("*", part)
+    """Return a topic of COLUMNS. `part` replaces `*`: the name of a planner or server, or ""."""
+    return COLUMNS[key].topic.format(**vars(names)).replace("*/", f"{part}/" if part else "")

@@ -8,8 +8,6 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter, defaultdict
-from dataclasses import replace
-from fnmatch import fnmatchcase
 from operator import attrgetter
 from typing import (
     Any,
@@ -29,6 +27,7 @@ from typing import (
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import measured_ranges
 from applr_ros1.drives import paths
@@ -51,7 +50,7 @@ class TopicSource(NamedTuple):
 
     Attributes:
         key: Key of the topic in COLUMNS.
-        part: Field of the rows with the name of the planner or server; {} if the topic has none.
+        part: Field of the rows with the name of the planner or server; {} if the column has none.
     """
 
     key: str
@@ -80,20 +79,13 @@ def sources_of(
     for key, column in COLUMNS.items():
         if columns is not None and column_of(key) not in columns:
             continue
-        # A topic such as MOVE_BASE/SERVER/parameter_updates; a server's name may hold slashes.
-        patterns = {topic_of(key, names): column.part}
-        if column_of(key) == "goals":
-            # move_base_flex has several actions: MOVE_BASE/ACTION/status.
-            flex_names = replace(names, move_base=f"{names.move_base}/*")
-            patterns[topic_of(key, flex_names)] = "action"
-        for pattern, part_name in patterns.items():
-            prefix, _, suffix = pattern.partition("*")
-            for topic, message_type in types.items():
-                if fnmatchcase(topic, pattern) and column.accepts(message_type):
-                    part = {}
-                    if part_name:
-                        part[part_name] = topic[len(prefix) : len(topic) - len(suffix)]
-                    sources[topic] = TopicSource(key, part)
+        # MOVE_BASE/NAME, or MOVE_BASE/PART/NAME, such as a server's, which may hold slashes
+        prefix, slash, name = topic_of(key, names, "").rpartition("/")
+        for topic, message_type in types.items():
+            part = topic[len(prefix + slash) : -len(name)].rstrip("/")
+            middle = f"{part}/" if column.part and part else ""
+            if topic == prefix + slash + middle + name and column.accepts(message_type):
+                sources[topic] = TopicSource(key, {column.part: part} if column.part else {})
     return sources
 
 
@@ -200,21 +192,19 @@ def by_one_clock(messages: Sequence[Received]) -> Tuple[List[Received], List[str
     drive: List[Received] = []
     notes = []
     for part in _parts(messages):
+        poses_before = _poses(drive)
+        poses_after = _poses(part)
         # What comes before the first measurement and after the last one pauses as it likes.
-        if not (_is_measured(drive) and _is_measured(part)):
+        if not poses_before or not poses_after:
             drive = drive + part
             continue
         step = part[0].recording_time - drive[-1].recording_time
         driven = drive[-1].recording_time - drive[0].recording_time
-        note = f"all times jump by {step / SECOND:,.1f} s after {driven / SECOND:.1f} s: "
-        if _continues(drive, part):
+        note = f"all times jump by {step / SECOND:,.0f} s after {driven / SECOND:.1f} s: "
+        if math.dist(poses_before[-1][:2], poses_after[0][:2]) <= JUMPED_M:
             notes.append(f"{note}the clock was set, or the recording paused")
-            later_messages = []
-            for message in drive:
-                later_messages.append(_set_later(message, message.recording_time, step))
-            for message in part:
-                later_messages.append(_set_later(message, message.recording_time - step, step))
-            drive = later_messages
+            later_part = [_set_later(message, -step, step) for message in part]
+            drive = [_set_later(message, 0, step) for message in drive] + later_part
         else:
             notes.append(f"{note}the longer of two drives is read")
             drive = max(drive, part, key=len)
@@ -243,31 +233,24 @@ def _parts(messages: Sequence[Received]) -> Iterator[List[Received]]:
             yield part[first:last]
 
 
-def _is_measured(messages: Sequence[Received]) -> bool:
-    return any(message.key in SENSORS for message in messages)
+def _poses(messages: Sequence[Received]) -> List[Pose]:
+    """Return the poses of the odometry in messages."""
+    poses = []
+    for message in messages:
+        if message.key == "odometry":
+            poses += [row["pose"] for row in message.rows]
+    return poses
 
 
-def _continues(drive: Sequence[Received], part: Sequence[Received]) -> bool:
-    """Return whether the odometry of a part goes on where that of the drive before it ends."""
-    poses_before = [message.rows[-1]["pose"] for message in drive if _has_pose(message)]
-    poses_after = [message.rows[0]["pose"] for message in part if _has_pose(message)]
-    if not poses_before or not poses_after:
-        return True
-    return math.dist(poses_before[-1][:2], poses_after[0][:2]) <= JUMPED_M
-
-
-def _has_pose(message: Received) -> bool:
-    return message.key == "odometry" and bool(message.rows)
-
-
-def _set_later(message: Received, clock: int, step: int) -> Received:
-    """Return a message of before a jump of the clock by the clock after it.
+def _set_later(message: Received, since: int, step: int) -> Received:
+    """Return a message around a jump of the clock by the clock after it.
 
     Args:
         message: The message. One that came after the jump may have been stamped before it.
-        clock: Time at which it came by the clock before the jump [ns].
+        since: Jump of the clock until it came, with the other sign [ns].
         step: The jump [ns].
     """
+    clock = message.recording_time + since
     rows = []
     for row in message.rows:
         set_row = dict(row)

@@ -18,8 +18,8 @@ import numpy as np
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
-from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.rays import ScanRays, beam_at, covers_full_turn, end_point, rays_of
+from applr_ros1.common.scan import LaserScan, covers_full_turn
+from applr_ros1.monitor.rays import ScanRays, beam_at, end_point, rays_of
 
 CAPACITY_POINTS = 16384  # largest number of remembered points; the oldest points are dropped first
 SPACING_M = 0.015  # smallest distance between stored points of neighbouring beams [m]
@@ -248,7 +248,7 @@ def _finding(x: float, y: float, rays: ScanRays) -> int:
     all_return = True
     for beam in range(nearest_beam - 1, nearest_beam + 2):
         measured = rays.ranges[beam % beam_count]
-        if not measured >= distance - TOLERANCE_M:
+        if not rays.free[beam % beam_count] >= distance - TOLERANCE_M:
             return UNSEEN
         is_met |= measured < distance + TOLERANCE_M
         all_return &= measured < np.inf
@@ -373,7 +373,7 @@ def _observe(cells: np.ndarray, corner: np.ndarray, rays: ScanRays, shown: float
             bearing = math.atan2(offset_y, offset_x) - rays.yaw
             beam = beam_at(first_edge, rays.increment, bearing)
             needed_range = max(distance - BEHIND_M, rays.range_min)
-            if beam < rays.ranges.shape[0] and rays.ranges[int(beam)] >= needed_range:
+            if beam < rays.ranges.shape[0] and rays.free[int(beam)] >= needed_range:
                 row[column] = 1
 
 

@@ -247,11 +247,10 @@ class CollisionMonitor:
         laser.tracker.frame = self.matcher.correction
         movers = laser.tracker.update(scan).certain()
         laser.movers = movers
-        is_partial = len(movers.x) > 0
 
         # The first laser corrects the pose, before any point of the scan is stored.
         if laser is self.lasers.first:
-            self.matcher.add_scan(without_movers(scan, movers), is_partial)
+            self.matcher.add_scan(without_movers(scan, movers))
             if self.matcher.lost:
                 self._forget_place()
                 laser.fault = (

@@ -15,12 +15,13 @@ from applr_ros1.common.scan import LaserScan
 class ScanRays(NamedTuple):
     """Ranges of a scan, geometry of its beams, and pose of its laser.
 
-    ranges: (n,) LaserScan.distances [m]. angle_min, increment: bearing of the first beam in the
-    laser's frame, and angle from beam to beam [rad]. range_min, range_max: limits of a hit [m]. x,
-    y, yaw: pose of the laser [m, m, rad].
+    ranges, free: (n,) LaserScan.distances and LaserScan.free [m]. angle_min, increment: bearing of
+    the first beam in the laser's frame, and angle from beam to beam [rad]. range_min, range_max:
+    limits of a hit [m]. x, y, yaw: pose of the laser [m, m, rad].
     """
 
     ranges: Array32
+    free: Array32
     angle_min: float
     increment: float
     range_min: float
@@ -35,18 +36,13 @@ def rays_of(scan: LaserScan) -> ScanRays:
     # A kernel is compiled for each combination of argument types, so all numbers become floats.
     return ScanRays(
         scan.distances,
+        scan.free,
         float(scan.angle_min),
         float(scan.angle_increment),
         float(scan.range_min),
         float(scan.range_max),
         *map(float, scan.sensor_pose),
     )
-
-
-@kernel
-def covers_full_turn(count: int, increment: float) -> bool:
-    """Return whether `count` beams that are `increment` [rad] apart cover a full turn."""
-    return (count + 0.5) * abs(increment) >= 2.0 * math.pi
 
 
 @kernel

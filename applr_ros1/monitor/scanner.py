@@ -12,9 +12,9 @@ import numpy as np
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
-from applr_ros1.common.scan import LaserScan
+from applr_ros1.common.scan import LaserScan, covers_full_turn
 from applr_ros1.monitor.known_space import CAPACITY_POINTS
-from applr_ros1.monitor.rays import ScanRays, beam_at, covers_full_turn, end_point, rays_of
+from applr_ros1.monitor.rays import ScanRays, beam_at, end_point, rays_of
 
 FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
 # Largest coordinate [m] and angle [rad] of a sensor's or robot's pose, far beyond any drive's.
@@ -78,7 +78,7 @@ class ScannerCheck:
             return problem
         rays = rays_of(scan)
         beam_count = len(rays.ranges)
-        counts = _count_ranges(rays.ranges, rays.increment)
+        counts = _count_ranges(rays)
         if counts.invalid >= BLIND_SHARE * beam_count:
             share = f"{counts.invalid} of {beam_count} beams"
             limit = f"range_min {scan.range_min:g} m"
@@ -176,8 +176,9 @@ def geometry_fault(scan: LaserScan) -> str:
 
 
 @kernel
-def _count_ranges(ranges: Array32, increment: float) -> RangeCounts:
+def _count_ranges(rays: ScanRays) -> RangeCounts:
     """Count the invalid ranges, the hits, and the beams of the widest gap without a return."""
+    ranges = rays.ranges
     beam_count = ranges.shape[0]
     invalid = 0
     hits = 0
@@ -186,13 +187,13 @@ def _count_ranges(ranges: Array32, increment: float) -> RangeCounts:
     for beam in range(beam_count):
         distance = ranges[beam]
         # +inf is a valid measurement of free space (REP 117).
-        invalid += not distance > -np.inf
+        invalid += not rays.free[beam] > -np.inf
         hits += np.isfinite(distance)
         gap = gap + 1 if distance == np.inf else 0
         widest_gap = max(widest_gap, gap)
 
     # A gap may continue across the ends of a full turn.
-    if covers_full_turn(beam_count, increment) and gap < beam_count:
+    if covers_full_turn(beam_count, rays.increment) and gap < beam_count:
         for beam in range(beam_count):
             if ranges[beam] != np.inf:
                 break

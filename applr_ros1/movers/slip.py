@@ -2,8 +2,8 @@
 
 The odometry is wrong if the base skids or its wheels spin. All static obstacles then seem to move.
 The correction is a robust weighted least-squares fit to the positions of the static tracks. It
-covers what the matched poses of the monitor leave open: the slip within one scan, all slip while
-something moves, and that of a tracker without a monitor.
+covers what the matched poses of the monitor leave open: the slip within one scan, that among a few
+posts, which are too few beams to match, and that of a tracker without a monitor.
 """
 
 import math

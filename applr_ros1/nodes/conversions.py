@@ -225,7 +225,11 @@ def cos_tilt(quaternion: Tuple[float, float, float, float]) -> float:
 
 
 def laser_scan(
-    message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point3D] = None
+    message: Any,
+    ranges: np.ndarray,
+    transform: Any,
+    origin: Optional[Point3D] = None,
+    no_return: Optional[float] = None,
 ) -> LaserScan:
     """Convert a message whose ranges have been checked to the planner's scan.
 
@@ -234,6 +238,7 @@ def laser_scan(
         ranges: (n,) float32 its ranges [m].
         transform: geometry_msgs/Transform of the laser in the costmap's frame.
         origin: Start of the rays if it is not the laser.
+        no_return: Range that the driver publishes for no return.
     """
     # A level laser needs no rotation: the planner computes with its pose alone, which is faster.
     quaternion = _rotation(transform)
@@ -255,6 +260,7 @@ def laser_scan(
         origin=origin,
         sweep=abs(message.time_increment) * beam_intervals,
         frame=message.header.frame_id,
+        no_return=no_return,
     )
 
 

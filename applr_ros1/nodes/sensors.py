@@ -313,7 +313,7 @@ class Sensors:
         if not topic.is_scan:
             return conversions.sensor_cloud(message, transform, origin)
         ranges = conversions.check_scan(message, self._no_return)
-        return conversions.laser_scan(message, ranges, transform, origin)
+        return conversions.laser_scan(message, ranges, transform, origin, self._no_return)
 
     def to_global(self, message: Any) -> Pose:
         """Return the pose (x, y, yaw) of a geometry_msgs/PoseStamped in the global frame.

@@ -10,8 +10,9 @@ import math
 from typing import Any, NamedTuple, Sequence
 
 import numpy as np
-import scipy
 
+from applr_ros1.common.arrays import Data
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
 # Largest number of search steps along one axis, which only goals far off the map reach.
@@ -127,17 +128,30 @@ def _on_map(goal: Sequence[float], distances: np.ndarray, costmap: Any, axis: in
     return _Coordinates(values, cells, squares[is_on_map], signs[is_on_map])
 
 
-def _reachable(cells: np.ndarray, start_x: int, start_y: int, allow_unknown: bool) -> np.ndarray:
+@kernel
+def _reachable(cells: Data, start_x: int, start_y: int, allow_unknown: bool) -> Data:
     """Return (ny, nx) bool: cells that a 4-connected flood from the start reaches.
 
     As in navfn, the map's border is closed.
     """
-    is_free = np.zeros(cells.shape, bool)
-    inside = np.s_[1:-1, 1:-1]
-    is_free[inside] = cells[inside] < INSCRIBED
-    if allow_unknown:
-        is_free[inside] |= cells[inside] == UNKNOWN
-    is_free[start_y, start_x] = True
-    regions, _ = scipy.ndimage.label(is_free)
-    is_reached: np.ndarray = regions == regions[start_y, start_x]
+    rows, columns = cells.shape
+    is_reached = np.zeros((rows, columns), np.bool_)
+    stack = np.empty(columns * rows, np.int64)
+    is_reached[start_y, start_x] = True
+    stack[0] = start_y * columns + start_x
+    stack_size = 1
+    while stack_size > 0:
+        stack_size -= 1
+        cell = stack[stack_size]
+        for neighbour in (cell - 1, cell + 1, cell - columns, cell + columns):
+            row = neighbour // columns
+            column = neighbour % columns
+            is_inside = 0 < column < columns - 1 and 0 < row < rows - 1
+            if not is_inside or is_reached[row, column]:
+                continue
+            cost = cells[row, column]
+            if cost < INSCRIBED or (allow_unknown and cost == UNKNOWN):
+                is_reached[row, column] = True
+                stack[stack_size] = neighbour
+                stack_size += 1
     return is_reached

@@ -1,9 +1,10 @@
 """The Pilot makes every decision: it asks those who may decide, in order of their priority.
 
-A person who sets values by hand comes first, then the stall rule, then the method. The applr node,
-simulated trials and the learning environment all ask a Pilot once per decision period. Anyone else
-who is to decide belongs into `decide`, beside the stall rule. A period without a decision, such as
-one in which the method raised an error, is reported with `miss`.
+A person who sets values by hand comes first, then the stall rule, then the method. The applr node
+and simulated trials ask a Pilot once per decision period; in the learning environment, the
+learner's action is the decision. Anyone else who is to decide belongs into `decide`, beside the
+stall rule. A period without a decision, such as one in which the method raised an error, is
+reported with `miss`.
 
 The Pilot alone clips parameters, and it owns the speed limit of all that are chosen. Others may set
 parameters beside it: the last guard is at the base, where the move_base node slows each command

@@ -23,9 +23,11 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, n
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.obstacle_range import seeing
 from applr_ros1.planner.parameters.trees import branch, merged
-from applr_ros1.robots.parameter_files import nested, of_move_base
+from applr_ros1.robots.parameter_files import nested, of_move_base, read_yaml
 
 FILE = "robot.yaml"
+SENSORS = "sensors.yaml"  # errors of scanners by name, beside this file
+SENSORS_PATH = os.path.join(os.path.dirname(os.path.abspath(__file__)), SENSORS)
 PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
 Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # name of a topic
 Frame = Annotated[
@@ -177,7 +179,33 @@ class Laser(Section):
     range_min: float = real("m", 0.0, 10.0, "range_min of the scans")
     range_max: float = real("m", 0.1, 200.0, "range_max of the scans")
     rate: float = real("Hz", 0.5, 200.0, "scans per second")
+    sensor: Optional[str] = value(
+        "", f"scanner of {SENSORS} whose errors the simulators use for the fields below", None
+    )
     noise: float = real("m", 0.0, 1.0, "standard deviation of a range", 0.0)
+    range_noise: float = real(
+        "", 0.0, 0.2, "further standard deviation of a range, per metre of range", 0.0
+    )
+    incidence_error: float = real(
+        "m",
+        -0.2,
+        0.2,
+        "error of a range at normal incidence, which vanishes within 20 degrees",
+        0.0,
+    )
+    dark: float = real("", 0.0, 1.0, "share of surfaces that are dark or glossy", 0.0)
+    dropouts: float = real(
+        "", 0.0, 1.0, "share of the ranges on dark or glossy surfaces without a return", 0.0
+    )
+    mixed: float = real(
+        "",
+        0.0,
+        1.0,
+        "share of the edges of near surfaces at which a range lies behind the edge",
+        0.0,
+    )
+    gaps: float = real("", 0.0, 0.9, "share of scans that are missing", 0.0)
+    stamp_delay: float = real("s", 0.0, 1.0, "time from the measurement to the scan's stamp", 0.0)
     no_return: Optional[float] = real(
         "m",
         0.0,
@@ -185,6 +213,30 @@ class Laser(Section):
         "range that the driver publishes without a return, such as 0.0, if this is not +inf",
         None,
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_sensor(cls, content: Any) -> Any:
+        """Add the errors of the named scanner, except those that the file gives itself."""
+        name = content.get("sensor") if isinstance(content, dict) else None
+        if name is None:
+            return content
+        sensors = read_yaml(SENSORS_PATH)
+        if name not in sensors:
+            raise ValueError(f"sensor is {shown(name)}: give one of {', '.join(sensors)}")
+        return {**sensors[name], **content}
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether scans have other errors than white noise."""
+        return bool(
+            self.range_noise
+            or self.incidence_error
+            or self.dropouts
+            or self.mixed
+            or self.gaps
+            or self.stamp_delay
+        )
 
     @property
     def increment(self) -> float:

@@ -222,9 +222,11 @@ class SimulatedRobot:
         after = self.simulator.advance(CONTROL_PERIOD)
         return Tick(before, scan, step, after, self.place, planner_pose)
 
-    def _scan(self) -> LaserScan:
-        """Take a new scan of the simulated laser."""
+    def _scan(self) -> Optional[LaserScan]:
+        """Take the scan of the simulated laser that is due. Return None if the laser loses it."""
         self._scan_due += self._scan_period
+        if self.simulator.loses_scan():
+            return None
         scan = self.simulator.laser_scan()
         self.ranges = scan.ranges
         return scan

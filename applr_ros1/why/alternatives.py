@@ -10,7 +10,7 @@ import logging
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -30,7 +30,6 @@ LEAD_S = 2.0  # time before an event from which these cycles begin: the way into
 EARLY = 2.0  # how much early ones among them are preferred, see some()
 AHEAD = 40  # number of control cycles for which the planner drives on
 FEW = 2  # step between the cycles from which a value is tried first
-ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
 
@@ -59,14 +58,12 @@ class Alternative:
         default: Default of the parameter in the C++ planner.
         before: Result with the value in force.
         after: Result with the other value.
-        elsewhere: Change of the speed from cycles outside the events [m/s].
     """
 
     changes: ChangesTogether
     default: Any
     before: MeanResult
     after: MeanResult
-    elsewhere: float = 0.0
 
     @property
     def change(self) -> Change:
@@ -94,7 +91,7 @@ class Alternative:
         clearances = f"{self.before.clearance:.2f} -> {self.after.clearance:.2f} m from obstacles"
         if not math.isfinite(self.before.clearance + self.after.clearance):
             clearances = "no obstacle seen"
-        return f"{self.change}: {speeds}, {clearances}, {self.elsewhere:+.2f} m/s elsewhere"
+        return f"{self.change}: {speeds}, {clearances}"
 
 
 def _distance(a: float, b: float) -> float:
@@ -117,19 +114,10 @@ def guesses_of(
     if diagnosis.part is not None:
         return []
     replay = diagnosis.replay
-    cycle_counts = []
-    cycles_of_events: Set[int] = set()
-    for event in diagnosis.events:
-        cycles = replay.between(event.begin, event.end)
-        cycle_counts.append(len(cycles))
-        cycles_of_events.update(map(id, cycles))
+    cycle_counts = [len(replay.between(event.begin, event.end)) for event in diagnosis.events]
     cycle_total = sum(cycle_counts)
     if not cycle_total:
         return []
-    other_cycles = []
-    for cycle in replay.cycles:
-        if id(cycle) not in cycles_of_events:
-            other_cycles.append(cycle)
 
     # Longer events count more, but each of them a little.
     tried_from: List[ReplayedCycle] = []
@@ -139,7 +127,7 @@ def guesses_of(
         tried_from += some(cycles_with_lead, max(LEAST, round(CYCLES * time_share)), EARLY)
     if attempts is None:
         attempts = changes_to_try(replay)
-    return best_changes(replay, attempts, tried_from, some(other_cycles, CYCLES))
+    return best_changes(replay, attempts, tried_from)
 
 
 def changes_to_try(replay: Replay) -> List[ChangesTogether]:
@@ -207,10 +195,7 @@ def together(settings: Settings, change: Change) -> ChangesTogether:
 
 
 def best_changes(
-    replay: Replay,
-    attempts: Sequence[ChangesTogether],
-    cycles: Sequence[ReplayedCycle],
-    others: Sequence[ReplayedCycle],
+    replay: Replay, attempts: Sequence[ChangesTogether], cycles: Sequence[ReplayedCycle]
 ) -> List[Alternative]:
     """Return the best change of each parameter with which the planner drives on faster.
 
@@ -220,7 +205,6 @@ def best_changes(
         replay: Replayed drive.
         attempts: Changes to try.
         cycles: Cycles from which the planner drives on.
-        others: Cycles outside the events, where a change should do no harm.
     """
     if not len(cycles):
         return []
@@ -258,16 +242,7 @@ def best_changes(
             _LOGGER.info("%s: %+.2f m/s, clearance %.2f m", change, gain_m_s, clearance_m)
             if gain_m_s > LITTLE and clearance_m >= nearest:
                 by_parameter.setdefault((change.server, change.name), []).append(alternative)
-    best_of_each = [ranked(alternatives)[0] for alternatives in by_parameter.values()]
-    best_alternatives = ranked(best_of_each)
-
-    # What the best ones do outside the events
-    if len(others):
-        usual_speeds, _ = drive_on(replay, others).T
-        for alternative in best_alternatives[:ELSEWHERE]:
-            speeds, _ = drive_on(replay, others, alternative.changes).T
-            alternative.elsewhere = float((speeds - usual_speeds).mean())
-    return best_alternatives
+    return ranked([ranked(alternatives)[0] for alternatives in by_parameter.values()])
 
 
 def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:

@@ -44,8 +44,7 @@ AS_THEY_ARE = (
     "advice",
     "sure",
     "confidence",
-    "seen",
-    "unseen",
+    "evidence",
     "notes",
     "remedies",
     "tried",
@@ -97,8 +96,8 @@ class Answer:
         is_doubtful: Whether the planner's reasons in the replay are not to be trusted.
         certainty: How far the replay, and drives in simulation, agree with the recorded drive.
         note: What limits the answer, as what could not be seen; "" if nothing does.
-        seen: Topics on which the drive was seen, as a sentence; "" for a simulated drive.
-        unseen: What could not be seen, and what to record next time.
+        evidence: Sentences on the topics on which the drive was seen, what could not be seen, and
+            what to record next time; none of a simulated drive.
 
         advice: What to change, and what that did when it was driven.
         guess: The replay's best guess: the change that names it, and what changes with it.
@@ -141,8 +140,7 @@ class Answer:
     is_doubtful: bool = False
     certainty: str = ""
     note: str = ""
-    seen: str = ""
-    unseen: Sequence[str] = ()
+    evidence: Sequence[str] = ()
 
     advice: Sequence[str] = ()
     guess: Tuple[Change, ...] = ()
@@ -187,8 +185,7 @@ class Answer:
     @property
     def lines(self) -> List[str]:
         """The answer for a terminal: what happened, what to change, how sure, then the rest."""
-        lines = [self.first_line, *self.advice, self.sure]
-        lines += [*filter(None, [self.seen]), *self.unseen, *self.weighed]
+        lines = [self.first_line, *self.advice, self.sure, *self.evidence, *self.weighed]
         other_events = [event for row, event in enumerate(self.events) if row != self.told_row]
         other_events.sort(key=lambda event: -event.seconds)
         lines += under("Other events", map(sentence, other_events[:LISTED]))
@@ -304,22 +301,22 @@ def answer_of(diagnosis: Diagnosis, guesses: Sequence[Alternative] = ()) -> Answ
         track=thinned(track),
         top_speed=diagnosis.top_speed,
         note=diagnosis.note,
-        seen=f"Seen on {', '.join(drive.topics)}." if drive.topics else "",
-        unseen=_unseen(diagnosis),
+        evidence=_evidence(diagnosis),
     )
     if diagnosis.replayed is None:
         return answer
     return _with_replay(answer, diagnosis, guesses)
 
 
-def _unseen(diagnosis: Diagnosis) -> List[str]:
-    """Return what could not be seen, and what to record next time."""
-    drive = diagnosis.drive
-    sentences = []
+def _evidence(diagnosis: Diagnosis) -> List[str]:
+    """Return what the drive was seen on, what could not be seen, and what to record next time."""
+    topics = diagnosis.drive.topics
+    if not topics:
+        return []
+    sentences = [f"Seen on {', '.join(topics)}."]
     names = TopicNames.of(diagnosis.robot)
-    recorded_keys = drive.topics.values()
-    missing = [topic_of(key, names) for key in INFORMATIVE if key not in recorded_keys]
-    if drive.topics and missing:
+    missing = [topic_of(key, names) for key in INFORMATIVE if key not in topics.values()]
+    if missing:
         sentences.append(f"Not recorded: {', '.join(missing)}: record them next time.")
     if diagnosis.replayed is not None:
         others = sources_in(diagnosis.robot).others

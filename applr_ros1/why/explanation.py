@@ -13,6 +13,7 @@ from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo, tran
 from applr_ros1.drives.drive import Motion
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.robots.check import crossed_limits
 from applr_ros1.why.moment import NEAR_M, CycleMoment, MetObstacle
 from applr_ros1.why.replay import Replay, ReplayedCycle
 from applr_ros1.why.rerun import RerunPlanner
@@ -202,12 +203,12 @@ def _refusal(moment: CycleMoment, row: int) -> str:
 
 def _crossing(moment: CycleMoment) -> str:
     """Return which limits of the planner leave no velocity to drive with, or ""."""
-    limits = moment.crossed
-    if limits is None:
-        return ""
-    largest = f"{limits.high} ({moment.values[limits.high]:g})"
-    smallest = f"{limits.low} ({moment.values[limits.low]:g})"
-    return f"{largest} is below {smallest}: {limits.consequence}"
+    for limits in crossed_limits(moment.planner, moment.values):
+        if limits.consequence:
+            largest = f"{limits.high} ({moment.values[limits.high]:g})"
+            smallest = f"{limits.low} ({moment.values[limits.low]:g})"
+            return f"{largest} is below {smallest}: {limits.consequence}"
+    return ""
 
 
 def beside(ahead: float, left: float, digits: int = 2) -> str:

@@ -44,6 +44,8 @@ LASER_OFF_RAD = 0.01
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
 OFF_ROUTE_M = 0.3  # distance from which on a followed plan ends beside a global one [m]
+GIVE_ROBOT = "give the robot that drove as --robot"
+TF = "/tf and /tf_static"
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
 
 
@@ -70,14 +72,13 @@ class Noted(NamedTuple):
     notes: List[str]
 
 
-def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = False) -> Recording:
+def fitted(drive: Drive, planner: RerunPlanner, robot: Robot) -> Recording:
     """Return the recording of a drive, all columns in the frame of the local costmap.
 
     Args:
         drive: A drive as it was read, with odometry and scans.
         planner: Planner of the robot, which cuts the global planner's plans.
         robot: Robot that drove.
-        is_given: Whether a person gave the robot, who is then not asked to give it.
 
     Raises:
         ApplrError: Frames differ, and tf does not connect them.
@@ -93,7 +94,7 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot, is_given: bool = F
     places = places_of(drive, planned, odometry, scans, robot.frames.base)
 
     # Each column as the planner saw it
-    laser = _placed_laser(scans, drive.frames["scans"][0], places.laser, robot, is_given)
+    laser = _placed_laser(scans, drive.frames["scans"][0], places.laser, robot)
     if drive.frame != odometry_frame and not places.is_framed:
         raise _unconnected(drive.frame, odometry_frame)
     moved = _with_poses(odometry, places.base)
@@ -152,29 +153,14 @@ def _check_frames(drive: Drive) -> None:
             raise ApplrError(f"{column} in {' and in '.join(frames)}: they must be in one frame")
 
 
-def other_robot(differs: str, remedy: str, is_given: bool) -> ApplrError:
-    """Return the error of a recording of another robot.
-
-    Args:
-        differs: How it differs from the robot.
-        remedy: What whoever gave the robot is to do; nobody else is asked for more than the robot.
-        is_given: Whether a person gave the robot.
-    """
-    if is_given:
-        return ApplrError(f"{differs}: {remedy}")
-    return ApplrError(f"{differs}: give the robot as --robot")
-
-
 def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
     """Return the error of plans in a frame that tf does not connect with the odometry's."""
-    return ApplrError(
-        f"the plan is in {frame}, the odometry in {odometry_frame}: record /tf and /tf_static"
-    )
+    return ApplrError(f"the plan is in {frame}, the odometry in {odometry_frame}: record {TF}")
 
 
 # -- laser -----------------------------------------------------------------------------------------
 def _placed_laser(
-    scans: Scans, frame: str, in_tf: Optional[FramePlacements], robot: Robot, is_given: bool
+    scans: Scans, frame: str, in_tf: Optional[FramePlacements], robot: Robot
 ) -> PlacedLaser:
     """Return the laser where tf has it, if it does, with the scans of one upside down turned.
 
@@ -184,7 +170,7 @@ def _placed_laser(
     if in_tf is None:
         if frame != robot.laser.frame:
             differs = f"scans in {frame}, {robot.name} has {robot.laser.frame}"
-            raise other_robot(differs, "give --scan, or record /tf and /tf_static", is_given)
+            raise ApplrError(f"{differs}: {GIVE_ROBOT} or its topic as --scan, or record {TF}")
         return PlacedLaser(scans, robot.laser.pose, [])
     rotation = in_tf.rotation.as_matrix()[0]
     # The laser's x axis gives its heading, also upside down; its z axis shows how it is mounted.

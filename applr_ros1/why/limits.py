@@ -74,9 +74,9 @@ def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, A
             changes.append((time, server, latest_names(server, values)))
         recorded_servers.update(drive.changes.server)
     for decision in drive.decisions:
-        for server, values in unchecked_space(robot).settings_of(decision.after).items():
+        for server, decided in unchecked_space(robot).settings_of(decision.after).items():
             if server not in recorded_servers:
-                changes.append((decision.time, server, dict(values)))
+                changes.append((decision.time, server, dict(decided)))
     changes.sort(key=lambda change: change[0])
     return changes
 

@@ -21,7 +21,6 @@ from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.planner.sampling_planner import CostParts
-from applr_ros1.robots.check import LimitPair, crossed_limits
 from applr_ros1.why.stretch import SLOW
 
 # A sample drives on if it is at least SLOW, or nearly the fastest sample if this is slower.
@@ -205,14 +204,6 @@ class CycleMoment:
             return -1
         turn_rates = np.abs(self.samples.velocities[rows, 1])
         return int(rows[turn_rates.argmin()])
-
-    @property
-    def crossed(self) -> Optional[LimitPair]:
-        """Limits of the planner that leave no velocity to drive with, or None."""
-        for limits in crossed_limits(self.planner, self.values):
-            if limits.consequence:
-                return limits
-        return None
 
     @property
     def fastest_speed(self) -> float:

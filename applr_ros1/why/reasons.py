@@ -125,11 +125,8 @@ def no_plan(stretch: Stretch) -> str:
         return ""
     # From each empty plan to the next plan there is none. Before the first one, that is known only
     # of a goal that was seen to begin.
-    first_begin = routes.time[0] if len(routes) else -np.inf
-    for goal in drive.goals:
-        if BEFORE_S < goal.begin <= stretch.end:
-            first_begin = min(first_begin, goal.begin)
-    begins = [first_begin, *routes.time]
+    goal_begins = [goal.begin for goal in drive.goals if goal.begin > BEFORE_S]
+    begins = [min(goal_begins, default=np.inf), *routes.time]
     ends = [*routes.time, np.inf]
     time_without_plan = 0.0
     for begin, end, pose_count in zip(begins, ends, [0, *map(len, routes.path)]):
@@ -147,14 +144,13 @@ def _planning_seconds(stretch: Stretch) -> float:
     It publishes what it follows in each cycle, empty if it finds no command. Without such messages,
     commands to move show it.
     """
-    drive = stretch.drive
-    cycles: Optional[Rows] = drive.plans
-    if cycles is None and drive.planned is not None:
-        cycles = drive.planned.part(np.flatnonzero(drive.planned.twist.any(axis=1)))
-    cycles = stretch.part(cycles)
+    cycles: Optional[Rows] = stretch.part(stretch.drive.plans or stretch.drive.planned)
     if cycles is None:
         return 0.0
-    return float(np.minimum(durations(cycles, stretch.end), SILENT_S).sum())
+    seconds = np.minimum(durations(cycles, stretch.end), SILENT_S)
+    if isinstance(cycles, Commands):
+        seconds *= cycles.twist.any(axis=1)
+    return float(seconds.sum())
 
 
 def recovering(stretch: Stretch) -> str:
@@ -332,13 +328,13 @@ def _looks_alike(scans: Scans) -> bool:
         return True
     ranges = ranges[is_return]
     angles = angles[is_return]
+    # Points and directions as complex numbers x + iy
+    points = ranges * np.exp(1j * angles)
     for direction in np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False):
-        moved_x = ranges * np.cos(angles) - HELD_M * np.cos(direction)
-        moved_y = ranges * np.sin(angles) - HELD_M * np.sin(direction)
+        moved = points - HELD_M * np.exp(1j * direction)
         # A wall is smooth in the inverse range, also where beams meet it at a small angle.
-        bearings = np.arctan2(moved_y, moved_x)
-        inverses = 1.0 / np.hypot(moved_x, moved_y)
-        moved_ranges = 1.0 / np.interp(angles, bearings, inverses, period=2.0 * np.pi)
+        inverses = np.interp(angles, np.angle(moved), 1.0 / np.abs(moved), period=2.0 * np.pi)
+        moved_ranges = 1.0 / inverses
         if _changed_share(ranges, moved_ranges) < CHANGED_SHARE:
             return True
     return False

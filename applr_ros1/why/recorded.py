@@ -10,7 +10,7 @@ from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Commands, Drive, with_full_speed
 from applr_ros1.drives.names import missing, missing_plans
 from applr_ros1.robots import Robot
-from applr_ros1.why.fitting import fitted, other_robot
+from applr_ros1.why.fitting import GIVE_ROBOT, fitted
 from applr_ros1.why.limits import planner_of
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
@@ -62,7 +62,6 @@ def recording_from(
     types: Mapping[str, str],
     planner: Optional[RerunPlanner],
     robot: Robot,
-    is_given: bool = False,
 ) -> Recording:
     """Return a drive with columns that fit on each other.
 
@@ -73,24 +72,17 @@ def recording_from(
         planner: Planner of the robot, which cuts the global planner's plans; None if it is not
             replayed.
         robot: Robot that drove.
-        is_given: Whether a person gave the robot, who is then not asked to give it.
 
     Raises:
         ApplrError: The drive lacks odometry, scans, commands or plans, another robot or planner
             drove, or the frames of its messages do not fit.
     """
-    _check_planner(drive, robot, is_given)
+    drove = planner_of(drive, robot)
+    if planner is None or drove != robot.local_planner:
+        has = f"{robot.name} has {robot.local_planner}"
+        raise ApplrError(f"{drove} drove, {has}: {GIVE_ROBOT}")
     _check_columns(drive, robot, names, types)
-    assert planner is not None, "another planner drove"
-    return fitted(drive, planner, robot, is_given)
-
-
-def _check_planner(drive: Drive, robot: Robot, is_given: bool) -> None:
-    """Raise ApplrError if another local planner drove."""
-    planner = planner_of(drive, robot)
-    if planner != robot.local_planner:
-        planners_in_words = f"{planner} drove, {robot.name} has {robot.local_planner}"
-        raise other_robot(planners_in_words, "its base_local_planner is another", is_given)
+    return fitted(drive, planner, robot)
 
 
 def _check_columns(drive: Drive, robot: Robot, names: TopicNames, types: Mapping[str, str]) -> None:

@@ -102,6 +102,7 @@ class Recording:
             ranges=self.scans.ranges[scan_row],
             sensor_pose=compose(robot_pose, self.laser_pose),
             sensor_height=self.robot.laser.height,
+            no_return=self.robot.laser.no_return,
         )
 
     def goal_at(self, time: float) -> Optional[PursuedGoal]:

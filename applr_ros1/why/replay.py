@@ -166,21 +166,18 @@ class Replay:
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
             f"{len(self.cycles):,} commands reproduced ({self.share:.1%})"
         )
-        left_out = []
-        for reason, command_count in self.left_out.items():
-            left_out.append(f"{command_count:,} {reason}")
+        left_out = [f"{count:,} {reason}" for reason, count in self.left_out.items()]
         if left_out:
             summary += f"; left out: {', '.join(left_out)}"
         if self.cut_short:
             summary += f"; {self.cut_short:,} of them were compared with the likely messages alone"
-        known_names: Set[str] = {RESTORE.name, *self.planner.start_values}
         updated_names: Set[str] = set()
         for _, server, values in changes_of(self.drive, self.robot):
             if server == self.planner.name:
                 updated_names.update(values)
         if not updated_names:
             summary += "; no parameter_updates: the folder's values are assumed"
-        unused_names = sorted(updated_names - known_names)
+        unused_names = sorted(updated_names.difference([RESTORE.name], self.planner.start_values))
         if unused_names:
             summary += f"; recorded, but not used: {', '.join(unused_names)}"
         return summary

@@ -141,25 +141,52 @@ def test_the_black_box_gets_what_the_launch_files_know():
         assert alone[f"/black_box/{parameter_name}"] == "auto"
 
 
-def test_names_clock_and_cap_reach_the_nodes():
-    words = (
-        "sim:=false",
-        "robot:=jackal",
-        "max_speed:=0.3",
-        "use_sim_time:=true",
-        "scan_topic:=/lidar/scan",
-        "tf_prefix:=robot1",
-    )
+METER_SCORING = "move_base/TrajectoryPlannerROS/meter_scoring"
+TRAJECTORIES = "move_base/DWAPlannerROS/publish_traj_pc"
+# Words of the command line, and parameters that the nodes get (None: it is not set)
+REACHED = {
+    "": {
+        "use_sim_time": True,
+        # Without a seed the simulator repeats its noise, but the node draws a seed of its own.
+        "sim_bridge/seed": 0,
+        "applr/seed": "auto",
+        "applr/method": "auto",
+        "applr/meter_scoring": "auto",
+        METER_SCORING: False,
+        TRAJECTORIES: None,
+        "move_base/applr/movers": True,
+        "collision_monitor/escape": False,
+    },
+    # On a robot without its own simulator, Gazebo sets the clock, or nobody.
+    "sim:=false robot:=jackal max_speed:=0": {"use_sim_time": None},
+    "sim:=false robot:=jackal max_speed:=0 use_sim_time:=true": {"use_sim_time": True},
+    "max_speed:=0.3": {"applr/max_speed": 0.3, "move_base/applr/max_speed": 0.3},
+    "tf_prefix:=a": {"collision_monitor/tf_prefix": "a", "move_base/tf_prefix": "a"},
+    # Plans are in the frame of matched poses only if the monitor runs.
+    "monitor:=false": {"move_base/matched": False},
+    "seed:=3": {"applr/seed": 3, "sim_bridge/seed": 3},
+    "method:=/own.py:Own": {"applr/method": "/own.py:Own"},
+    "meter_scoring:=true": {"applr/meter_scoring": "true", METER_SCORING: True},
+    "movers:=false": {"move_base/applr/movers": False},
+    # The C++ move_base has no such parameter, and makes no escape motions itself.
+    "move_base:=cpp": {"move_base/applr/movers": None, "collision_monitor/escape": True},
+    # The page draws the trajectories.
+    "viewer:=true": {TRAJECTORIES: True},
+}
+
+
+@pytest.mark.parametrize("words", REACHED)
+def test_an_argument_reaches_its_nodes(words):
+    parameters = loaded("jackal_applr.launch", *words.split()).parameters
+    assert {name: parameters.get("/" + name) for name in REACHED[words]} == REACHED[words]
+
+
+def test_topics_and_the_code_of_a_method_reach_the_nodes():
+    words = ("scan_topic:=/lidar/scan", "method:=/own.py:Own")
     launched = loaded("jackal_applr.launch", *words)
-    parameters = launched.parameters
-    assert parameters["/use_sim_time"] is True
-    assert parameters["/applr/max_speed"] == parameters["/move_base/applr/max_speed"] == 0.3
-    assert parameters["/collision_monitor/tf_prefix"] == "robot1"
-    assert parameters["/move_base/tf_prefix"] == "robot1"
     assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
-    # On a robot without its own simulator, Gazebo sets it, or nobody.
-    assert "/use_sim_time" not in loaded("jackal_applr.launch", *REAL_ROBOT).parameters
-    assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
+    # The code of a method comes in the environment, which no other user can write to.
+    assert launched.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
 
 
 @pytest.mark.parametrize(
@@ -199,52 +226,6 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
     replayed = loaded("replay.launch", "bag:=" + bag_path, "robot:=" + robot_folder)
     assert replayed.words["player"][-1] == bag_path
-
-
-def test_plans_are_in_the_frame_of_matched_poses_only_if_the_monitor_runs():
-    launched = loaded("jackal_applr.launch", "monitor:=false")
-    assert launched.parameters["/move_base/matched"] is False
-
-
-def test_method_and_meter_scoring_reach_their_nodes():
-    parameters = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
-    assert parameters["/applr/method"] == "/a.safetensors"
-    assert parameters["/applr/meter_scoring"] == "auto"
-    assert parameters["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
-    assert parameters["/applr/seed"] == parameters["/sim_bridge/seed"] == 3
-
-    # Without a seed the simulator repeats its noise, but the node draws a seed of its own.
-    parameters = loaded("jackal_applr.launch").parameters
-    assert parameters["/applr/method"] == "auto"
-    assert parameters["/applr/seed"] == "auto"
-    assert parameters["/sim_bridge/seed"] == 0
-
-    # The code of a method comes in the environment, which no other user can write to.
-    launched = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
-    assert launched.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
-    assert launched.parameters["/applr/method"] == "/own.py:Own"
-    assert launched.parameters["/applr/meter_scoring"] == "true"
-    assert launched.parameters["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
-
-
-def test_one_argument_switches_the_prediction_off():
-    # The C++ move_base has no such parameter, but the applr node observes moving obstacles.
-    for words, is_on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
-        launched = loaded("jackal_applr.launch", *words)
-        assert ("movers" in launched.words) == (is_on is not False)
-        assert launched.parameters.get("/move_base/applr/movers") is is_on
-
-
-def test_a_robot_with_a_page_publishes_the_trajectories_that_it_draws():
-    for words, is_on in (((), None), (("viewer:=true",), True)):
-        parameters = loaded("jackal_applr.launch", *words).parameters
-        assert parameters.get("/move_base/DWAPlannerROS/publish_traj_pc") is is_on
-
-
-def test_the_monitor_makes_escape_motions_only_with_a_cpp_move_base():
-    for words, is_on in (((), False), (("move_base:=cpp",), True)):
-        parameters = loaded("jackal_applr.launch", *words).parameters
-        assert parameters["/collision_monitor/escape"] is is_on
 
 
 def test_launch_files_clear_the_parameters_of_an_earlier_launch():

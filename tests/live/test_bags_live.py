@@ -11,9 +11,9 @@ import pytest
 import rospy
 from applr_ros1.msg import Decision
 
+from tests.support.bags import read
 from tests.support.robots import JACKAL_PARAMETERS
 from tests.support.ros import session, wait_for
-from training.bags.read import read
 from training.train.transitions import transitions
 
 pytestmark = pytest.mark.ros

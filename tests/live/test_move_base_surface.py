@@ -13,7 +13,7 @@ from dynamic_reconfigure import DynamicReconfigureCallbackException
 from dynamic_reconfigure.client import Client
 
 from tests.support import DATA
-from tests.support.nodes import PLANNER, node_api
+from tests.support.nodes import node_api
 from tests.support.ros import LONGEST, wait_for
 
 pytestmark = pytest.mark.ros
@@ -46,29 +46,6 @@ def test_services_are_those_of_the_cpp_node(stack):
         if "logger" not in service_name:
             service_types[service_name] = rosservice.get_service_type(service_name)
     assert service_types == SURFACE["services"]
-
-
-def test_a_server_describes_the_cpp_parameters(stack):
-    """The tables of the other servers are compared in tests/planner/parameters."""
-    client = Client(PLANNER, timeout=LONGEST)
-    descriptions = client.get_parameter_descriptions(timeout=LONGEST)
-    our_descriptions = {description["name"]: description for description in descriptions}
-    our_values = client.get_configuration(timeout=LONGEST)
-    client.close()
-
-    def number(bound):
-        """Return a bound of the JSON file, which has no infinity."""
-        return float(bound) if bound in ("inf", "-inf") else bound
-
-    for cpp_parameter in SURFACE["dynamic_reconfigure"][PLANNER]:
-        our_parameter = our_descriptions.pop(cpp_parameter["name"])
-        assert our_parameter["type"] == cpp_parameter["type"]
-        assert our_parameter["min"] == number(cpp_parameter["min"])
-        assert our_parameter["max"] == number(cpp_parameter["max"])
-        assert our_parameter["default"] == cpp_parameter["default"]
-        assert our_values[cpp_parameter["name"]] == cpp_parameter["jackal"]
-    # Both spellings of the weights are served; a C++ node has one of them.
-    assert set(our_descriptions) <= {"pdist_scale", "gdist_scale"}
 
 
 def test_parameters_are_on_the_server(stack):

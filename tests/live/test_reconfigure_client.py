@@ -178,39 +178,6 @@ def test_a_restarted_server_is_called_with_any_last_values(client, calls):
         assert calls(len(expected_calls)) == expected_calls
 
 
-def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(
-    client, monkeypatch
-):
-    weight_index = SPACE.names.index("pdist_scale")
-    # A planner with weights per metre, on cells of 0.05 m: they get 0.05 / 0.02 of those per cell.
-    monkeypatch.setattr(client, "factor", 0.05)
-    assert applied(client, THETA_0, per_cell=True)
-    assert client.values()[weight_index] == 2.5 * THETA_0[weight_index]
-    assert np.array_equal(client.theta(), THETA_0)
-    set_by_another_client(PLANNER, path_distance_bias=2.0)
-    wait_for(lambda: client.values()[weight_index] == 2.0, "the value set by another client")
-    assert client.theta()[weight_index] == 0.8
-    assert applied(client, THETA_0)
-    assert np.array_equal(client.values(), THETA_0), "a set per metre is sent unchanged"
-
-
-def test_a_restarted_server_gets_the_last_request(client):
-    reports = []
-    with started(reports.append) as requester:
-        requester.reapply()
-        assert not requester.busy, "nothing was requested yet"
-        requester.request(SPACE.settings(SPACE.high))
-        wait_for(lambda: not requester.busy, "the request")
-        earlier_reports = len(reports)
-        requester.reapply()
-
-        def has_applied_again():
-            return len(reports) > earlier_reports and not requester.busy
-
-        wait_for(has_applied_again, "the same request again")
-        assert np.array_equal(requester.theta(), SPACE.high)
-
-
 @pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
 def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, values):
     served_values = dict(client.servers["TrajectoryPlannerROS"].values)

@@ -1,45 +1,30 @@
-"""Escape motions of the collision monitor for a move_base that makes none, such as the C++ one.
-
-One test uses this package's move_base without ~held_back, which makes no escape motions. The others
-use a fake one.
-"""
+"""Escape motions of the collision monitor for a move_base that makes none, such as the C++ one."""
 
 import time
 from typing import NamedTuple
 
-import actionlib
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
-from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Path
 from std_msgs.msg import String
 
 from applr_ros1.nodes.conversions import pose_stamped, twist
-from tests.support.nodes import FakeJackal, finish, goal
-from tests.support.robots import dwa_parameters
-from tests.support.ros import LONGEST, Kept, session, wait_for
+from tests.support.nodes import FakeJackal
+from tests.support.ros import Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
-# A thin post 1 m ahead: (x, y, radius) [m].
-POST = (1.0, 0.0, 0.06)
-ACTIVE = GoalStatus.ACTIVE
-CANCELLED = GoalStatus.PREEMPTING
 
 
 class MoveBase:
-    """Fake move_base with a goal 5 m away. Publishes its status, a plan, and `command` unless it is
-    None.
-    """
+    """Fake move_base with a goal 5 m away. Publishes its status, a plan, and `command`."""
 
     def __init__(self):
         self.command = (0.0, 0.0)
         self.status = None
-        self.goal = "a"
-        self.left = 5.0
         self._commands = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
         self._statuses = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
         self._plans = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
@@ -54,16 +39,11 @@ class MoveBase:
         if self.status is not None:
             # As actionlib does, it lists an ended goal for a while.
             ended_goal = GoalStatus(GoalID(id="earlier"), GoalStatus.SUCCEEDED, "")
-            current_goal = GoalStatus(GoalID(id=self.goal), self.status, "")
+            current_goal = GoalStatus(GoalID(id="a"), self.status, "")
             self._statuses.publish(GoalStatusArray(status_list=[ended_goal, current_goal]))
-        # A plan that ends `left` metres from its begin, on a detour
-        points = []
-        if self.left:
-            points = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)]
-        poses = [pose_stamped((x, y, 0.0), "odom", rospy.Time(0)) for x, y in points]
+        poses = [pose_stamped((x, 0.0, 0.0), "odom", rospy.Time(0)) for x in (0.0, 5.0)]
         self._plans.publish(Path(poses=poses))
-        if self.command is not None:
-            self._commands.publish(twist(*self.command))
+        self._commands.publish(twist(*self.command))
 
     def end(self):
         self._timer.shutdown()
@@ -74,8 +54,8 @@ class MoveBase:
 class Watched:
     """The monitor's node, with its actions and diagnostics so far."""
 
-    def __init__(self, escape):
-        options = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
+    def __init__(self):
+        options = "cmd_vel_in:=move_base/cmd_vel", "_escape:=true"
         self.node = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *options)
         self.actions = []
         self.statuses = []
@@ -96,51 +76,6 @@ class Watched:
         self.node.end()
 
 
-@pytest.mark.fault("17c")
-@pytest.mark.parametrize(
-    "escape", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["with", "without"]
-)
-def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
-    """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor
-    stops the robot.
-    """
-    ros = session()
-    jackal = FakeJackal([POST])
-    watched = Watched(escape)
-    teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
-    watched.node.until(lambda: teleop.get_num_connections())
-
-    def is_at_the_post():
-        teleop.publish(twist(0.3, 0.0))
-        time.sleep(0.05)
-        return jackal.robot.pose[0] > 0.65
-
-    # A person drives the robot to where the monitor stops it.
-    wait_for(is_at_the_post, "the post")
-    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
-    teleop.unregister()
-    # move_base neither recovers nor gives up, so that only the monitor can free the robot.
-    parameters = dwa_parameters(recovery_behavior_enabled=False, controller_patience=60.0)
-    rospy.set_param("/move_base", parameters)
-    remappings = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
-    move_base = ros.node("move_base", "odom:=odometry/filtered", *remappings)
-    move_base.until("ready")
-    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-    assert client.wait_for_server(rospy.Duration(LONGEST))
-    client.send_goal(goal(2.0))
-    if escape:
-        assert finish(client).text == "Goal reached.", (move_base.text, watched.actions)
-    else:
-        time.sleep(1.0)
-        standing_pose = jackal.robot.pose
-        time.sleep(4.0)
-        assert jackal.robot.pose == pytest.approx(standing_pose, abs=0.01)
-        client.cancel_goal()
-    move_base.end()
-    jackal.close()
-    watched.end()
-
-
 class Stack(NamedTuple):
     """A Jackal, a fake move_base, and the monitor between them."""
 
@@ -149,37 +84,24 @@ class Stack(NamedTuple):
     watched: Watched
 
 
-@pytest.fixture(scope="module")
-def whole():
-    """Return the stack for all tests of this file."""
+@pytest.fixture
+def stack():
+    """Provide a robot at rest without a goal, after half a metre of driving, so that the space
+    behind it is known.
+    """
     session()
     jackal = FakeJackal()
     planner = MoveBase()
-    watched = Watched(escape=True)
+    watched = Watched()
     watched.node.until(planner.ready)
+    planner.command = (0.3, 0.0)
+    wait_for(lambda: jackal.robot.pose[0] > 0.5, "half a metre")
+    planner.command = (0.0, 0.0)
+    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
     yield Stack(jackal, planner, watched)
     planner.end()
     jackal.close()
     watched.end()
-
-
-@pytest.fixture
-def stack(whole):
-    """Provide a robot at rest without a goal, after half a metre of driving, so that the space
-    behind it is known.
-    """
-    jackal, planner, watched = whole
-    planner.status = None
-    planner.left = 5.0
-    planner.goal = str(time.time())
-    planner.command = (0.3, 0.0)
-    start_x = jackal.robot.pose[0]
-    wait_for(lambda: jackal.robot.pose[0] > start_x + 0.5, "half a metre")
-    planner.command = (0.0, 0.0)
-    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
-    watched.actions.clear()
-    watched.statuses.clear()
-    return whole
 
 
 def moved(jackal, since):
@@ -188,10 +110,11 @@ def moved(jackal, since):
     return [command for command in later_commands if command.velocity != (0.0, 0.0)]
 
 
+@pytest.mark.fault("17c")
 def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(stack):
     jackal, planner, watched = stack
     began = time.time()
-    planner.status = ACTIVE
+    planner.status = GoalStatus.ACTIVE
     wait_for(lambda: moved(jackal, began), "a motion")
     # A planner that stands for 2 s is stuck. The motions are small and slow.
     first_motion = moved(jackal, began)[0]
@@ -219,35 +142,3 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     most_commands = 2 + stopwatch.waiting() / 0.05
     assert len(escape_commands) <= most_commands, "a command ends the escape motion at once"
     assert watched.node.text.count("trying small escape motions") == 1
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"status": CANCELLED},
-        {"left": None},
-        pytest.param({"status": None}, marks=pytest.mark.slow),
-    ],
-    ids=["cancelled", "no plan", "move_base gone"],
-)
-def test_an_escape_motion_ends_with_its_cause(stack, change):
-    """The monitor also makes escape motions while no commands arrive, for example during
-    planning.
-    """
-    jackal, planner, watched = stack
-    planner.status = ACTIVE
-    planner.command = None
-    began = time.time()
-    wait_for(lambda: moved(jackal, began), "a motion although the planner is silent")
-    vars(planner).update(change)
-    changed_at = time.time()
-    stopwatch = Kept()
-    time.sleep(4.0)
-    latest_motion = max(
-        (command.stamp for command in moved(jackal, changed_at)), default=changed_at
-    )
-    assert latest_motion - changed_at < 1.5 + stopwatch.waiting(), (
-        "a status is usable for 1 s; a new motion would begin after 2.5 s"
-    )
-    assert jackal.commands[-1].velocity == (0.0, 0.0)
-    assert not any("failed" in action for action in watched.actions), watched.node.text

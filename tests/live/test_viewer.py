@@ -150,45 +150,6 @@ def test_silent_nodes_and_topics_are_reported(viewer):
     assert reports == ["no subscribers on /applr/set_parameters"]
 
 
-def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
-    move_base = ros.node("tests.support.nodes")
-    applr = ros.node("applr", "_method:=dwa")
-    try:
-        wait_for(lambda: "default parameters" in state(viewer), "the method")
-        radius_slider = viewer.panel.sliders["inflation_radius"]
-        radius_index = viewer.panel.space.names.index("inflation_radius")
-
-        def shows_the_default():
-            has_parameters = state(viewer) and viewer.panel.theta() is not None
-            return has_parameters and radius_slider.value == 0.3
-
-        wait_for(shows_the_default, "the parameters")
-
-        # The slider sets one parameter of the policy, which both costmaps have.
-        by_hand(radius_slider, 0.45)
-        for costmap in ("local_costmap", "global_costmap"):
-            parameter = f"/move_base/{costmap}/inflater_layer/inflation_radius"
-            wait_for(lambda parameter=parameter: rospy.get_param(parameter) == 0.45, parameter)
-        wait_for(
-            lambda: state(viewer) and viewer.panel.theta()[radius_index] == 0.45,
-            "the value as the applr node read it",
-        )
-        wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
-
-        # A method takes over again.
-        by_hand(viewer.panel.dropdown, "tuned set")
-        defaults = viewer.panel.space.theta0
-        wait_for(
-            lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), defaults),
-            "its values",
-        )
-        wait_for(lambda: "tuned set" in state(viewer), "the method")
-        wait_for(lambda: state(viewer) and radius_slider.value != 0.45, "the slider follows")
-    finally:
-        applr.kill()
-        move_base.kill()
-
-
 def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
     jackal = FakeJackal([(1.5, 0.8, 0.15)])
     node = ros.node("viewer", "_port:=%d" % free_port())

@@ -21,6 +21,7 @@ from tests.monitor.scenes import (
     BRAKES_WELL,
     FRONT,
     HERE,
+    LASER,
     SETTINGS,
     SIDE,
     TURN,
@@ -417,6 +418,48 @@ def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides
     reach = 0.02 / TURN["angle_increment"]
     assert is_observed[distances <= reach - CELL_M].all()
     assert not is_observed[distances > reach].any()
+
+
+DARK_SECTORS = 24  # sectors of the fan, each of which may return nothing for a while
+
+
+def dark_room_drive(no_return, seed):
+    """Drive along a room of 5 x 4 m, in which surfaces return nothing for half a second at a time.
+
+    Returns:
+        Number of certain movers of all scans, and the actions of the monitor.
+    """
+    rng = np.random.default_rng(seed)
+    monitor = CollisionMonitor(SETTINGS)
+    bearings = np.linspace(-ANGLE, ANGLE, BEAMS)
+    mover_count = 0
+    actions = []
+    for step in range(40):
+        time = 0.1 * step
+        x = 0.05 * step
+        if step % 5 == 0:
+            is_dark = rng.random(DARK_SECTORS) < 0.5
+        # Distances of the room's walls at x = 4, x = -1 and y = -2, y = 2 along each beam
+        along_x = np.where(np.cos(bearings) > 0.0, 4.0 - x, 1.0 + x) / np.abs(np.cos(bearings))
+        ranges = np.minimum(along_x, 2.0 / np.abs(np.sin(bearings))).astype(np.float32)
+        ranges[np.repeat(is_dark, BEAMS // DARK_SECTORS)] = np.inf
+        scan = scan_of([], HERE, time, ranges=ranges, sensor_pose=(x, 0.0, 0.0))
+        monitor.add_scan(replace(scan, no_return=no_return))
+        mover_count += len(monitor.lasers.first.movers.x)
+        pose = (x - LASER, 0.0, 0.0)
+        actions.append(monitor.filter(time, pose, (0.5, 0.0), (0.5, 0.0)).action)
+    return mover_count, actions
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_dark_surfaces_of_a_room_neither_move_nor_slow_the_robot(seed):
+    """The driver has a value of its own for no return, as that of a URG-04LX."""
+    mover_count, actions = dark_room_drive(0.0, seed)
+    assert mover_count == 0
+    assert actions.count(PASS) >= 0.95 * len(actions)
+    # Without that value, each surface that returns something again has come into free space.
+    mover_count, _ = dark_room_drive(None, seed)
+    assert mover_count > 0
 
 
 def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():

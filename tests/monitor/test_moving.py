@@ -219,8 +219,8 @@ def test_what_overtakes_or_drives_away_does_not_stop_the_base(robot_name):
     leading = straight(2.0, 0.0, v + 0.5, 0.0)
     result = ride(robot, Scene([overtaking, leading], (v, 0.0), WALL))
     assert math.isnan(result.touch_speed)
-    # At the start, the space beside the robot is not observed, and velocities are uncertain.
-    assert set(result.actions[20:]) == {PASS}
+    # At the start, velocities are uncertain, and points of the leading one are remembered.
+    assert set(result.actions[30:]) == {PASS}
 
 
 def test_a_base_at_rest_lets_a_mover_pass_and_then_drives_on():

@@ -238,7 +238,7 @@ CORRIDOR = np.array([(0.0, -1.0, 0.0, 80.0, 0.01), (0.0, 1.0, 0.0, 80.0, 0.01)])
 
 @pytest.mark.parametrize("noise_at_2_m", [0.001, 0.01, 0.03])
 def test_a_noisy_laser_is_matched_and_no_direction_seems_to_be_measured(noise_at_2_m):
-    """On a circle in a room, and along a bare corridor, there with at most 2 cm at any range."""
+    """On a circle in a room, and along a bare corridor. The noise grows with the range."""
     rng = np.random.default_rng(0)
     noise = {"noise": 0.0, "share": 0.5 * noise_at_2_m}
     matcher = ScanMatcher()
@@ -251,14 +251,13 @@ def test_a_noisy_laser_is_matched_and_no_direction_seems_to_be_measured(noise_at
         assert distance < 0.1
         assert angle < 0.03
     assert np.mean(matched[1:]) >= 0.95
-    assert matcher.support > 3.0 * SUPPORT
+    assert matcher.support > 2.0 * SUPPORT
 
-    corridor_noise = min(noise_at_2_m, 0.02)
     matcher = ScanMatcher()
     for step in range(10):
         pose = (0.1 * step, 0.0, 0.0)
-        matcher.add_scan(scan(pose, pose, 0.1 * step, rng, walls=CORRIDOR, noise=corridor_noise))
-        assert matcher.support < SUPPORT
+        matcher.add_scan(scan(pose, pose, 0.1 * step, rng, walls=CORRIDOR, **noise))
+        assert matcher.support < 0.5 * SUPPORT
 
 
 @pytest.mark.parametrize(
@@ -287,6 +286,17 @@ def test_the_frame_of_planners_takes_what_is_measured(walls, person, expected):
     assert yaw == pytest.approx(expected_yaw, abs=0.01)
 
 
+@pytest.mark.parametrize("others", [[], [(1.1, 1.2, 0.25)]])
+def test_the_pose_follows_no_people_if_the_scan_shows_nothing_else(others):
+    """They walk away from a robot that stands."""
+    matcher = ScanMatcher()
+    for step in range(20):
+        people = np.array([(0.9, 0.0, 0.25), *others]) + (0.02 * step, 0.0, 0.0)
+        matcher.add_scan(scan(ORIGIN, ORIGIN, STEP_S * step, None, people))
+    assert "of the beams fit an earlier scan, less than 25%" in matcher.report
+    assert matcher.correction == ORIGIN
+
+
 def test_a_few_points_show_no_other_place():
     """A laser whose other beams end on people sees 30 beams of a post, and then of another."""
     matcher = ScanMatcher()
@@ -295,9 +305,9 @@ def test_a_few_points_show_no_other_place():
         is_hit = np.flatnonzero(np.isfinite(seen.ranges) & (seen.ranges < 5.0))
         seen.ranges[:] = np.where(np.isfinite(seen.ranges), seen.ranges, np.float32(9.0))
         seen.ranges[is_hit[30:]] = np.nan
-        matcher.add_scan(seen, is_partial=True)
+        matcher.add_scan(seen)
     assert not matcher.lost
-    assert "points are near an earlier scan's surfaces" in matcher.report
+    assert "of the beams fit an earlier scan" in matcher.report
 
 
 def test_a_passing_person_does_not_shift_the_pose():
@@ -310,20 +320,6 @@ def test_a_passing_person_does_not_shift_the_pose():
         matcher.add_scan(scan(ORIGIN, ORIGIN, STEP_S * step, rng, crowd))
         distance, _ = error_of(matcher, ORIGIN, ORIGIN)
         assert distance < 0.01
-
-
-@pytest.mark.parametrize(("is_partial", "corrects"), [(True, True), (False, False)])
-def test_of_a_partial_scan_with_few_points_none_is_left_out(is_partial, corrects):
-    """48 beams hit something: every third of them would be too few for a match."""
-    rng = np.random.default_rng(3)
-    matcher = ScanMatcher()
-    for y in (0.0, 0.04):
-        seen = scan(ORIGIN, (0.0, y, 0.0), STEP_S * y, rng, [(1.0, 0.0, 0.12), (0.3, 1.0, 0.05)])
-        beams = np.flatnonzero(np.isfinite(seen.ranges) & (seen.ranges < 2.0))
-        seen.ranges[beams[48:]] = np.nan
-        matcher.add_scan(seen, is_partial)
-    distance, _ = error_of(matcher, ORIGIN, (0.0, 0.04, 0.0))
-    assert (distance < 0.02) == corrects
 
 
 def test_a_completely_changed_scene_does_not_change_the_pose():
@@ -353,6 +349,9 @@ def verdict_after_slide(slide):
     posts = [
         (1.0, 0.7, 0.2),
         (0.9, -0.8, 0.2),
+        (2.0, 0.0, 0.5),
+        (0.3, 1.5, 0.4),
+        (0.2, -1.6, 0.4),
     ]
     row_behind = [(-0.72, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)]
     discs = np.array(posts + row_behind)

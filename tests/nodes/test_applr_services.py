@@ -9,7 +9,9 @@ from applr_ros1.srv import SetMethodRequest
 from applr_ros1.nodes.applr import main
 from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.policy import methods
+from applr_ros1.policy.actor import save
 from applr_ros1.robots import JACKAL
+from tests.support.robots import make_weights
 
 
 class Node:
@@ -76,10 +78,17 @@ def test_the_service_imports_no_code_but_that_with_which_the_node_was_started(us
     assert node.method.name == user_code
 
 
-def test_a_method_that_cannot_be_made_at_the_start_leaves_the_defaults():
-    method, trouble = main.make_method("none.safetensors", JACKAL, "")
-    assert "none.safetensors" in trouble
-    assert method.name == "dwa"
+@pytest.mark.fault("9")
+def test_a_policy_that_is_missing_or_cut_short_leaves_the_defaults(tmp_path):
+    cut_file = tmp_path / "cut.safetensors"
+    save(cut_file, make_weights())
+    # As a copy over a bad connection leaves it.
+    cut_file.write_bytes(cut_file.read_bytes()[:1000])
+    for policy in ("none.safetensors", str(cut_file)):
+        method, trouble = main.make_method(policy, JACKAL, "")
+        assert policy in trouble
+        assert "\n" not in trouble
+        assert method.name == "dwa"
 
 
 def test_the_answer_of_enable_says_what_drives():

@@ -27,7 +27,7 @@ from applr_ros1.why.black_box.folder import StopFolder
 from applr_ros1.why.events import Event, RobotStop
 from applr_ros1.why.outside import OTHER_PLANNER
 from tests.support import HANGS, ROOT
-from tests.support.raw_messages import bag_of, description_of, raw_messages
+from tests.support.raw_messages import description_of, piped, raw_messages
 from tests.support.replays import PLANNER, spoilt_drive
 
 pytest_plugins = ("tests.support.offline_ros",)
@@ -316,7 +316,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
 
     answered = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=bag_of([description, *messages]),
+        input=piped([description, *messages]),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,
@@ -330,7 +330,7 @@ def test_the_process_answers_without_a_master_and_without_the_packages_of_a_desk
     # What cannot be answered ends in one line.
     refused = subprocess.run(
         [sys.executable, "-c", PROGRAM],
-        input=bag_of(messages),
+        input=piped(messages),
         capture_output=True,
         cwd=ROOT,
         timeout=HANGS,

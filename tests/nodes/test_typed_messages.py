@@ -21,7 +21,7 @@ from applr_ros1.policy.dimensionless import ENCODINGS, FAR_POINT, DimensionlessE
 from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from applr_ros1.policy.supervisor import Ruling
-from training.bags.read import read
+from tests.support.bags import read
 
 pytest_plugins = ("tests.support.offline_ros",)
 

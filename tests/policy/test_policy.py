@@ -634,6 +634,7 @@ def test_a_loaded_policy_predicts_its_methods_decision(name):
     method.reset(0)
     unwrapped = environment.unwrapped
     course_drive = unwrapped.course_drive
-    theta = method.theta(unwrapped.pilot.observe(course_drive.theta, course_drive.seen))
+    context = Context.of(course_drive.theta, course_drive.seen, method.space, method.layout)
+    theta = method.theta(context)
     np.testing.assert_allclose(unwrapped.encoding.theta(action), theta, rtol=1e-6)
     assert unwrapped.course_drive.period == method.period

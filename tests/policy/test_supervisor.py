@@ -191,6 +191,7 @@ def test_inputs_that_are_missing_count_after_a_whole_period():
     assert supervised.count("decisions") == 1
 
 
+@pytest.mark.fault("1")
 def test_a_decision_that_the_method_refuses_leaves_the_parameters():
     supervised = Supervised(Chooses(parameters(max_vel_x=np.inf)))
     supervised.begin(0.0)

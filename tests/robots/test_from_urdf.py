@@ -208,6 +208,7 @@ LIMITS = [
 ]
 BRAKING = ["monitor.deceleration", "monitor.yaw_deceleration"]
 SCAN = ["beams", "first_angle", "last_angle", "range_min", "range_max", "rate"]
+NO_RETURN = "laser.no_return"  # the driver's, not the scanner's
 MAKERS = {  # arguments, parameter files in the folder of the included robot, fields to fill in
     "waffle": (
         [],
@@ -219,7 +220,7 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
             "move_base_params.yaml",
             "dwa_local_planner_params_waffle_pi.yaml",
         ],
-        [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING],
+        [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", NO_RETURN, *BRAKING],
     ),
     "husky": (
         ["laser_enabled:=true"],
@@ -231,7 +232,7 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
             "costmap_global_static.yaml:global_costmap",
             HUSKY_CONTROLLER,
         ],
-        ["base.wheel_mass", "body.mass"],
+        ["base.wheel_mass", "body.mass", NO_RETURN],
     ),
     "jackal": (
         [],
@@ -243,7 +244,14 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
             "odom_nav_params/global_costmap_params.yaml",
             "odom_nav_params/local_costmap_params.yaml",
         ],
-        [*LIMITS, "base.wheel_mass", "body.mass", *(f"laser.{name}" for name in SCAN), *BRAKING],
+        [
+            *LIMITS,
+            "base.wheel_mass",
+            "body.mass",
+            *(f"laser.{name}" for name in SCAN),
+            NO_RETURN,
+            *BRAKING,
+        ],
     ),
 }
 # What the user fills in for these robots
@@ -329,7 +337,7 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
         "range_max": 8.0,
     }
     assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
-    to_fill_in = [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
+    to_fill_in = [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", NO_RETURN, *BRAKING]
     assert asked(written.output) == to_fill_in
     remedy = "six of them are in the file of the base's controller: add it to --parameters for"
     assert f"\n  ({remedy} the limits of base and the decelerations of monitor)\n" in written.output

@@ -511,16 +511,6 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     assert np.isposinf(scans[:, 0]).all()
 
 
-def test_a_drawn_scan_noise_is_a_factor_of_the_lasers_noise():
-    simulator = sim_bridge.make("kinematic", scan_noise=(2.0, 5.0))
-    wall = (1.5, 0.0, 0.0, 0.2, 8.0)
-    for seed in range(3):
-        simulator.reset(small_world(boxes=[wall]), seed)
-        scans = np.array([simulator.scan()[240:480] for _ in range(50)], np.float64)
-        noise = np.mean(scans.std(axis=0, ddof=1))
-        assert noise == pytest.approx(simulator.drawn.scan_noise * JACKAL.laser.noise, rel=0.05)
-
-
 def test_angles_of_beams_increase_anticlockwise(simulator):
     simulator.reset(small_world([(0.0, 3.0, 0.4)]), 0)
     angle_to_the_left = pi / 2 - JACKAL.laser.first_angle

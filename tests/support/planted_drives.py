@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from applr_ros1.drives.columns import SECOND, Stamp
-from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans
+from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, with_full_speed
 from applr_ros1.drives.received import Received, drive_from
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import events
@@ -108,11 +108,9 @@ def planted(cause, situation, seed):
     if situation == "on an omni base":
         # It drives to its left, while it looks ahead.
         poses = np.column_stack([0.0 * x, x, 0.0 * x])
-        odometry = _sideways(Motion(times, times, poses, 0.0 * twists), measured)
+        odometry = with_full_speed(Motion(times, times, poses, 0.0 * twists, measured))
     planned = _commands(times, wanted)
     commands = _commands(times, reaching)
-    plan_times = times
-    goals = [Goal("one", 0.0, END_S)]
 
     # Who is silent, and when
     is_late = stops & (np.arange(len(times)) % 10 > 0)
@@ -122,27 +120,22 @@ def planted(cause, situation, seed):
     planned = planned.part(np.flatnonzero(~silent))
     commands = commands.part(np.flatnonzero(~silent))
     is_cycle = ~silent & ~(stops & (cause == "a recovery runs"))
-    plans = Plans(plan_times[is_cycle], [_path(at) for at in x[is_cycle]])
+    plans = Plans(times[is_cycle], [_path(at) for at in x[is_cycle]])
     if situation == "a silent mux":
         commands = commands.part(np.flatnonzero(commands.twist.any(axis=1)))
 
     routes = _routes(cause, situation, x, times)
-    scans = _scans(times[::2], true_x[::2], situation, random)
+    scanned_rows = np.flatnonzero(~(stops & (cause == "no scan")))[::2]
     drive = Drive(
         odometry=odometry.part(np.flatnonzero(~(stops & (cause == "no odometry")))),
-        scans=scans.part(slice(None)),
+        scans=_scans(times[scanned_rows], true_x[scanned_rows], situation, random),
         routes=routes,
         plans=plans,
         planned=planned,
         commands=commands,
-        goals=goals,
+        goals=[Goal("one", 0.0, END_S)],
         recoveries=np.array([STOP_S + 0.1] if cause == "a recovery runs" else []),
     )
-    if cause == "no scan":
-        is_early = scans.time < STOP_S
-        is_last = scans.time >= GOES_ON_S
-        rows = np.flatnonzero(is_early | is_last)
-        drive = replace(drive, scans=_rows(scans, rows))
     if situation == "without /move_base/cmd_vel":
         drive = replace(drive, planned=drive.commands)
     return _received(drive, situation)
@@ -167,19 +160,6 @@ def said_of(drive):
 
 def _commands(times, speeds):
     return Commands(times, np.column_stack([speeds, 0.0 * speeds]))
-
-
-def _sideways(motion, speeds):
-    """Return a motion to the left, with its full speed as the reader of bags gives it."""
-    from applr_ros1.drives.drive import with_full_speed
-
-    return with_full_speed(replace(motion, sideways=speeds))
-
-
-def _rows(scans, rows):
-    """Return some rows of scans, of which the ranges are a list."""
-    ranges = [scans.ranges[row] for row in rows]
-    return Scans(scans.time[rows], scans.stamp[rows], scans.fan[rows], ranges)
 
 
 def _path(x, points=20):

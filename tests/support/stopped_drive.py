@@ -15,9 +15,9 @@ from rosbags.rosbag1 import Reader, Writer
 
 from applr_ros1.robots import load
 from tests.support import DATA
+from tests.support.bags import write
 from tests.support.drives import changed, simulated
 from tests.support.replays import updates
-from training.bags.write import write
 
 ROBOT = "turtlebot3_burger"
 BAG = DATA / "stopped.bag"

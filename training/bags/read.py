@@ -47,7 +47,6 @@ from applr_ros1.robots import JACKAL, Robot
 
 _LOGGER = logging.getLogger(__name__)
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
-ACTIVE_SUFFIX = ".bag.active"  # end of the name of a bag that rosbag has not finished
 CUT_SHORT = "if its recording was cut short, rename it to .bag, run rosbag reindex"
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")  # ends of the names of bags that are one file
 # Ends of the names of bags that cannot be read as they are, and the remedies
@@ -174,26 +173,14 @@ def opened(path: os.PathLike[str] | str) -> Iterator[OpenBag]:
             yield bag
     except FileError as error:
         message = str(error)
-        cause = error.__cause__
         active_path = Path(f"{path}.active")
-        if Path(path).name.endswith(ACTIVE_SUFFIX):
+        if active_path.exists():
+            message += f"; there is {active_path.name}"
+        cause = error.__cause__
+        lacks_index = isinstance(cause, AnyReaderError) and "index" in str(cause)
+        if lacks_index or active_path.exists() or Path(path).suffix == ".active":
             message += f": {CUT_SHORT}"
-        elif active_path.exists():
-            message += f"; there is {active_path.name}: {CUT_SHORT}"
-        elif isinstance(cause, AnyReaderError) and "index" in str(cause):
-            message += ": if its recording was cut short, run rosbag reindex"
         raise BagError(message) from error
-
-
-def read(
-    path: os.PathLike[str] | str,
-    robot: Robot = JACKAL,
-    topics: TopicNames = TopicNames(),
-    columns: Optional[Collection[str]] = None,
-) -> Drive:
-    """Read the drive in a bag, as OpenBag.drive does."""
-    with opened(path) as bag:
-        return bag.drive(robot, topics, columns)
 
 
 # -- files -----------------------------------------------------------------------------------------

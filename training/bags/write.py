@@ -79,19 +79,3 @@ class BagWriter:
         serialised = self._maker.store.serialize_ros1(message, column.type)
         time = nanoseconds(sender.begin + float(values["time"]))
         self._writer.write(self._connections[topic], time, serialised)
-
-
-def write(
-    path: os.PathLike[str] | str,
-    *drives: Drive,
-    robot: Robot = JACKAL,
-    topics: TopicNames | None = None,
-) -> Path:
-    """Write drives as a bag, one after the other, with the columns that they have.
-
-    Return the path.
-    """
-    with BagWriter(path, robot, topics or TopicNames.of(robot)) as writer:
-        for drive in drives:
-            writer.write(drive)
-    return Path(path)

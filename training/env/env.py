@@ -18,14 +18,11 @@ from typing_extensions import override
 
 import sim_bridge
 import worlds as worlds_package
-from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.drives.outcome import Outcome
 from applr_ros1.drives.simulate import CourseDrive, cycles_in
-from applr_ros1.policy.decision import Context, Method
-from applr_ros1.policy.encoding import Encoding
-from applr_ros1.policy.pilot import STALL, Pilot
+from applr_ros1.policy.decision import Context
 from applr_ros1.robots.geometry import radius
 from training.common.options import checked
 from training.env import privileged
@@ -44,10 +41,7 @@ class ApplrEnv(gymnasium.Env):
         worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
             a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
-        end_on_stall: Whether a stall (policy/stuck.py) terminates the episode as a failure. It
-            does not with stall_rule, which ends nearly every stall.
-        stall_rule: Whether the stall rule replaces actions, as in the applr node. The action that
-            was in force is info["action"].
+        end_on_stall: Whether a stall (policy/stuck.py) terminates the episode as a failure.
         critics_know_more: Whether the observation ends with inputs for the critics alone
             (privileged.py).
         settings: Fields of TrialSettings (settings.py): robot, simulator, planner, randomisation,
@@ -63,40 +57,31 @@ class ApplrEnv(gymnasium.Env):
         *,
         end_on_collision: bool = False,
         end_on_stall: bool = False,
-        stall_rule: bool = False,
         critics_know_more: bool = False,
         **settings: Any,
     ):
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
             raise ApplrError("period is missing: give the decision period in seconds")
+        self.period = self.settings.period
         robot = self.settings.robot
         self.worlds: Sequence[World] = list(worlds) if not isinstance(worlds, str) else ()
         if isinstance(worlds, str):
             self.worlds = worlds_package.Worlds(worlds, radius(robot))
-        cycles_in(self.settings.period)  # refused now, not at the first reset
+        cycles_in(self.period)  # refused now, not at the first reset
         self.simulated = self.settings.simulated(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
             robot.seeing(self.settings.obstacle_range),
         )
         self.rules = Rules(
             end_on_contact=end_on_collision,
-            # With random actions in the worlds of the recipe jackal, 6 of 40 episodes stall. All of
-            # these arrive if the rule goes on.
-            end_on_stall=end_on_stall and not stall_rule,
+            end_on_stall=end_on_stall,
             limit=self.settings.time_limit,
         )
-        # Drive of the present episode, and the inputs of its next decision
-        self.course_drive: Optional[CourseDrive] = None
-        self._context: Optional[Context] = None
+        self.course_drive: Optional[CourseDrive] = None  # drive of the present episode
         encoding = self.settings.encoding()
-        if stall_rule and not encoding.redraws_stalled:
-            problem = f"stall_rule does not act on policies with the observation {encoding.name}"
-            raise ApplrError(f"{problem}: give observation dimensionless, or leave it out")
         self.encoding = encoding
         self.space = encoding.space
-        self._method = ActionMethod(encoding, redraws_stalled=stall_rule)
-        self.pilot = Pilot(self._method, robot, self.settings.period)
         self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
             self.layout = _with_hidden_inputs(self.layout)
@@ -124,7 +109,7 @@ class ApplrEnv(gymnasium.Env):
         rules = dataclasses.replace(self.rules, end_on_contact=ends_on_contact)
         course_drive = self.begin(world, episode_seed, rules)
         self.course_drive = course_drive
-        self.pilot.begin(episode_seed)
+        self.encoding.forget_decision()
         return self._observation(course_drive), self._info(course_drive.outcome)
 
     def begin(self, world: World, seed: int, rules: Rules, *, record: bool = False) -> CourseDrive:
@@ -134,8 +119,8 @@ class ApplrEnv(gymnasium.Env):
             world,
             seed,
             rules,
-            period=self.pilot.period,
-            theta=self.pilot.defaults().theta,
+            period=self.period,
+            theta=self.space.clip(self.space.theta0),
             record=record,
         )
 
@@ -143,16 +128,12 @@ class ApplrEnv(gymnasium.Env):
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
         """Drive one decision period.
 
-        Arrival or failure terminates the episode, the time limit truncates it. The entry "action"
-        of the last result is the action that was in force.
+        Arrival or failure terminates the episode, the time limit truncates it.
         """
         course_drive = self.course_drive
-        context = self._context
-        if course_drive is None or context is None:
+        if course_drive is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        self._method.action = action
-        choice = self.pilot.decide(context)
-        course_drive.decide(choice.theta, choice.clears_costmaps)
+        course_drive.decide(self.space.clip(self.encoding.theta(action)))
         course_drive.advance()
         outcome = course_drive.outcome
         reward, reward_terms = self.settings.reward(
@@ -162,18 +143,15 @@ class ApplrEnv(gymnasium.Env):
         truncated = outcome.over and not terminated
         info = self._info(outcome)
         info["reward"] = reward_terms
-        info["action"] = action
-        if choice.why == STALL:
-            info["action"] = self.encoding.action(outcome.theta).astype(np.float32)
         return self._observation(course_drive), float(reward), terminated, truncated, info
 
     def _observation(self, course_drive: CourseDrive) -> np.ndarray:
-        context = self.pilot.observe(course_drive.theta, course_drive.seen)
-        self._context = context
-        policy_inputs = self.encoding.observe(context)
+        encoding = self.encoding
+        context = Context.of(course_drive.theta, course_drive.seen, self.space, encoding.layout)
+        policy_inputs = encoding.observe(context)
         if not self.layout.hidden:
             return policy_inputs
-        hidden_inputs = privileged.privileged(course_drive, self.encoding.scale)
+        hidden_inputs = privileged.privileged(course_drive, encoding.scale)
         return np.append(policy_inputs, hidden_inputs)
 
     @override
@@ -187,33 +165,6 @@ class ApplrEnv(gymnasium.Env):
         if math.isnan(outcome.contact_speed):
             del info["contact_speed"]
         return info
-
-
-class ActionMethod(Method):
-    """Method of the environment: the parameters of a given action.
-
-    Args:
-        encoding: Encoding of observations and actions.
-        redraws_stalled: Whether the stall rule may replace the action.
-
-    Attributes:
-        action: Action (actions,) of the next decision.
-    """
-
-    def __init__(self, encoding: Encoding, redraws_stalled: bool):
-        self.encoding = encoding
-        self.space = encoding.space
-        self.layout = encoding.layout
-        self.redraws_stalled = redraws_stalled
-        self.action = np.zeros(encoding.actions, np.float32)
-
-    @override
-    def reset(self, seed: int) -> None:
-        self.encoding.forget_decision()
-
-    @override
-    def theta(self, context: Optional[Context]) -> Array:
-        return self.encoding.theta(self.action)
 
 
 def _with_hidden_inputs(layout: TransitionLayout) -> TransitionLayout:

@@ -57,6 +57,9 @@ class EvaluationOptions(DriveSettings):
     protocol: Literal["paper", "barn-challenge"] = option(PAPER,
         "Course and rules of a trial. paper: the paper's course; a contact does not end the "
         "trial. barn-challenge: the BARN Challenge's course of 10 m; a contact ends the trial.")
+    planner: Literal["ours", "cpp-like"] = option("ours",
+        "Planner fidelity. ours: this package's planner. cpp-like: with the defects of the C++ "
+        "move_base that affect success.")
     loaded: bool = option(False,
         "Start move_base with the parameter set of a static method, as with a parameter file on a "
         "robot, instead of setting it by reconfigure.")

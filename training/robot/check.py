@@ -17,6 +17,8 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.extras import extra
+from applr_ros1.drives.columns import TopicNames
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -26,7 +28,7 @@ from applr_ros1.robots.folder import RobotError, read
 from applr_ros1.robots.geometry import radius
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
-from training.robot import open_floor
+from training.robot import open_floor, rehearsal
 from worlds.map_courses import Building
 
 
@@ -73,8 +75,17 @@ def doors(described: Robot, path: str) -> str:
     return f"narrowest passage of {path}: {narrowest:.2f} m; {subject} {fits}"
 
 
-def check(name_or_folder: str, path: str = "") -> int:
-    """Print errors, remarks, summary, doors and test drives. Return 1 if the robot fails."""
+def drive_lines(described: Robot, bag: str) -> List[str]:
+    """Return lines on what the sensors show in the drive of a bag."""
+    with extra(__name__):
+        from training.bags.read import read
+    names = TopicNames.of(described)
+    drive = read(bag, described, names, rehearsal.COLUMNS)
+    return [f"{bag}: {line}" for line in rehearsal.lines(rehearsal.rehearsed(drive, described))]
+
+
+def check(name_or_folder: str, path: str = "", bag: str = "") -> int:
+    """Print errors, remarks, summary, doors, bag and test drives. Return 1 if the robot fails."""
     errors: List[str] = []
     remarks: List[str] = []
     # Reading already refuses what no robot can be built from.
@@ -99,13 +110,15 @@ def check(name_or_folder: str, path: str = "") -> int:
         lines += summary(described)
         if path:
             remarks.append(doors(described, path))
+        if bag:
+            remarks += drive_lines(described, bag)
     for line in [*lines, *dict.fromkeys(remarks)]:
         print(line, flush=True)
     # A robot with errors may not even start.
     if errors:
         return 1
-    drives, drive_lines = open_floor.try_out(described)
-    print("\n".join(drive_lines))
+    drives, floor_lines = open_floor.try_out(described)
+    print("\n".join(floor_lines))
     return 0 if drives else 1
 
 
@@ -118,6 +131,9 @@ class CheckOptions(Options):
     map: str = option(
         "", "Map of a building, MAP.yaml: report the narrowest passage on its courses."
     )
+    bag: str = option(
+        "", "Bag of a drive of the robot: report what its sensors show, and false alarms."
+    )
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -126,7 +142,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
     def run() -> int:
         options = parsed(CheckOptions, name, __doc__, arguments)
-        return check(options.robot, options.map)
+        return check(options.robot, options.map, options.bag)
 
     return run_main(run, name)
 

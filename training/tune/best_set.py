@@ -32,6 +32,7 @@ from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import TrialTable
 from training.evaluate.trial import Result, Trial
 from training.robot.open_floor import show
+from training.train.learner.config import recipe
 from training.tune.clock import SearchClock
 from training.tune.options import TuneOptions
 from training.tune.search import (
@@ -67,15 +68,8 @@ FINALISTS = 5
 PRUNE_BLOCKS = 6  # largest number of blocks of trials that decide on reverting a parameter
 LINES_S = 10.0, 15.0  # time until the first progress line, and interval between further lines [s]
 DIGITS = 4  # significant digits of the values of a set
-DRAWN: Dict[str, Any] = {  # randomisation of the drives, except of the ground
-    "start_xy": 0.05,
-    "start_yaw": 0.1,
-    "scan_noise": [1, 5],
-    "latency": [0, 0.05],
-    "friction": [0.8, 1.2],
-    "slip": [0.7, 1.4],
-    "odometry": [0.5, 2],
-}
+# Randomisation of the drives, with the values of the recipe jackal: all but that of the ground
+DRAWN = ("start_xy", "start_yaw", "scan_noise", "latency", "friction", "slip", "odometry")
 
 
 def drives_of(robot: Robot, worlds: Sequence[TrialWorld]) -> TrialSettings:
@@ -83,11 +77,12 @@ def drives_of(robot: Robot, worlds: Sequence[TrialWorld]) -> TrialSettings:
     longest_m = max(listed.world.course.route_m for listed in worlds)
     optimal_s = longest_m / robot.base.max_speed
     rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE}
+    of_recipe = recipe("jackal")
     return TrialSettings(
         **rules,
         robot=robot,
         loaded=True,
-        randomisation=DRAWN,
+        randomisation={name: of_recipe[name] for name in DRAWN},
         time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * optimal_s),
     )
 

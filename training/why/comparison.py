@@ -31,7 +31,7 @@ def compared(first: Replay, second: Replay) -> List[str]:
     slow_cycles: List[ReplayedCycle] = []
     for event in events.find(first.drive, first.recording.odometry, first.limits):
         slow_cycles += first.between(event.begin, event.end)
-    alternatives = best_changes(first, attempts, some(slow_cycles or first.cycles, CYCLES), [])
+    alternatives = best_changes(first, attempts, some(slow_cycles or first.cycles, CYCLES))
 
     changes_in_words = ", ".join(map(str, changes)) or "none"
     lines = [f"{second}; {_parting(first, second)}; differing parameters: {changes_in_words}"]

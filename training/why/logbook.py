@@ -30,7 +30,6 @@ MOVED_M = 0.2  # way from which on a track is one of its own [m]
 SHORTEST_S = 5.0  # time in both bags below which nothing is known [s]
 CELL_M = 0.2  # edge of the cells by which odometry frames are compared [m]
 ALIKE = 0.5  # share of the cells in the part that both drives saw from which on their frames agree
-BESIDE = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
 FEWEST_CELLS = 30  # number of cells in that part below which nothing is known
 
 # Shows the progress of a loop, given its items, the number of all items and of those done before.
@@ -255,16 +254,16 @@ def _is_one_drive(answer: Answer, other: Answer) -> bool:
     """
     track = np.reshape(answer.track, (-1, 4))
     other_track = np.reshape(other.track, (-1, 4))
-    times = answer.begin + track[:, 0]
-    other_times = other.begin + other_track[:, 0]
-    first_time = max(times.min(initial=np.inf), other_times.min(initial=np.inf))
-    last_time = min(times.max(initial=-np.inf), other_times.max(initial=-np.inf))
-    if last_time - first_time < SHORTEST_S:
+    # By the clock of the first one
+    other_times, other_x, other_y, _ = other_track.T
+    other_times = other_times + other.begin - answer.begin
+    is_after_begin = track[:, 0] >= other_times.min(initial=np.inf)
+    is_before_end = track[:, 0] <= other_times.max(initial=-np.inf)
+    times, x, y, _ = track[is_after_begin & is_before_end].T
+    if not len(times) or np.ptp(times) < SHORTEST_S:
         return False
-    in_both = (times >= first_time) & (times <= last_time)
-    x, y = track[in_both, 1:3].T
-    apart_x = x - np.interp(times[in_both], other_times, other_track[:, 1])
-    apart_y = y - np.interp(times[in_both], other_times, other_track[:, 2])
+    apart_x = x - np.interp(times, other_times, other_x)
+    apart_y = y - np.interp(times, other_times, other_y)
     if np.quantile(np.hypot(apart_x, apart_y), MOST_OF_TIME) > ONE_DRIVE_M:
         return False
     has_moved = math.hypot(np.ptp(x), np.ptp(y)) > MOVED_M
@@ -303,24 +302,18 @@ def set_floors(bags: Sequence[LoggedBag]) -> None:
     floors: List[List[LoggedBag]] = []
     cells_of = {id(bag): _cells(bag.answer) for bag in bags}
     for bag in bags:
-        best_floor = None
+        likeness_of: Dict[int, int] = {}
         for number, floor in enumerate(floors):
             answer = floor[0].answer
-            if (answer.frame, answer.is_shared) != (bag.answer.frame, bag.answer.is_shared):
-                continue
-            likenesses = [_alike(cells_of[id(bag)], cells_of[id(other)]) for other in floor]
-            if min(likenesses) < 0:
-                continue
-            if max(likenesses) > 0:
-                best_floor = number
-                break
-            if bag.answer.is_shared and best_floor is None:
-                best_floor = number
-        if best_floor is None:
-            best_floor = len(floors)
+            if (answer.frame, answer.is_shared) == (bag.answer.frame, bag.answer.is_shared):
+                likenesses = [_alike(cells_of[id(bag)], cells_of[id(other)]) for other in floor]
+                if min(likenesses) >= 0:
+                    likeness_of[number] = max(likenesses)
+        bag.floor = max(likeness_of, key=likeness_of.__getitem__, default=len(floors))
+        if not (likeness_of.get(bag.floor) or (likeness_of and bag.answer.is_shared)):
+            bag.floor = len(floors)
             floors.append([])
-        floors[best_floor].append(bag)
-        bag.floor = best_floor
+        floors[bag.floor].append(bag)
 
 
 def _cells(answer: Answer) -> np.ndarray:
@@ -335,6 +328,8 @@ def _alike(cells: np.ndarray, others: np.ndarray) -> int:
     0 if too little is there to compare. Cells beside each other are the same: a drive is placed in
     a map as well as it was localised.
     """
+    from scipy.spatial import KDTree  # slow, and needed only here
+
     if not len(cells) or not len(others):
         return 0
     lowest = np.maximum(cells.min(axis=0), others.min(axis=0))
@@ -346,7 +341,5 @@ def _alike(cells: np.ndarray, others: np.ndarray) -> int:
     smaller, larger = sorted(parts, key=len)
     if len(smaller) < FEWEST_CELLS:
         return 0
-    beside = larger[:, None] + BESIDE
-    known = set(map(tuple, beside.reshape(-1, 2).tolist()))
-    same_count = sum(tuple(cell) in known for cell in smaller.tolist())
-    return 1 if same_count >= ALIKE * len(smaller) else -1
+    cells_apart, _ = KDTree(larger).query(smaller, p=np.inf)
+    return 1 if (cells_apart <= 1).mean() >= ALIKE else -1

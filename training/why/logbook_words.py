@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
 
+import numpy as np
 from typing_extensions import override
 
 from applr_ros1.why.answer import indented, sentence, under
@@ -129,28 +130,16 @@ def advice(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
 def _change_in_words(change: CommonChange) -> str:
     """Return what to change for the worst stops, and what it did there."""
     trials = change.trials
-    course_count = len(change.bags)
+    worlds_in_words = f"{counted(len(change.bags), 'world')} of the worst stops"
     if trials.remedy is None:
         clearly = " clearly and in each world" if trials.judged else ""
-        worlds_in_words = f"worlds of the worst {course_count:,} stops"
-        if course_count == 1:
-            worlds_in_words = "world of the worst stop"
         return f"Nothing that was tried in the {worlds_in_words} helped{clearly}."
-    helped_count = sum(change.helped)
-    saved = 0.0
-    for gain, is_helped in zip(change.gains, change.helped):
-        saved += gain if is_helped else 0.0
+    saved = sum(np.compress(change.helped, change.gains))
     # A whole drive in simulation may save more than the recorded stop cost.
-    result = f"the whole drive takes {saved:.0f} s less in the world of the worst stop"
-    if course_count > 1:
-        result = (
-            f"whole drives take {saved:.0f} s less in {helped_count} of the "
-            f"{course_count:,} worlds of the worst stops"
-        )
-    if helped_count < course_count:
-        other_count = course_count - helped_count
-        others_in_words = "one" if other_count == 1 else f"{other_count:,}"
-        result += f", and at most a tenth more in the other {others_in_words}"
+    result = (
+        f"whole drives take {saved:.0f} s less in {sum(change.helped)} of the {worlds_in_words}, "
+        "and in none a tenth more"
+    )
     return (
         f"Try {trials.remedy.candidate}: in simulation, {result}; {trials.remedy}, "
         f"with the recorded values {trials.recorded}."

@@ -37,8 +37,7 @@ def drive_page(values: Dict[str, Any], body: str = "") -> Page:
         body=body,
         measured=[
             values["sure"],
-            *filter(None, [values["seen"]]),
-            *values["unseen"],
+            *values["evidence"],
             *values["notes"],
             REPLAYED,
             *driven_notes,

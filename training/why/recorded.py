@@ -22,21 +22,16 @@ from training.bags.read import BagError, opened
 from training.common.options import option
 
 
-class RecordedOptions(BagOptions):
-    """Options of a recorded drive."""
-
-    move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
-
-
-class BagAnswerOptions(RecordedOptions):
+class BagAnswerOptions(BagOptions):
     """Options of the answer to a recorded drive."""
 
+    move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
     quick: bool = option(
         False, "Leave out the drives in simulation: only the replay ranks changes of parameters."
     )
 
 
-SomeOptions = TypeVar("SomeOptions", bound=RecordedOptions)
+SomeOptions = TypeVar("SomeOptions", bound=BagAnswerOptions)
 
 
 class NotReplayedError(BagError):
@@ -77,7 +72,7 @@ def with_description(path: Path, options: SomeOptions) -> SomeOptions:
 
 
 def recording_of(
-    path: Path, options: RecordedOptions, planner: Optional[RerunPlanner]
+    path: Path, options: BagAnswerOptions, planner: Optional[RerunPlanner]
 ) -> Recording:
     """Read the drive in a bag, with columns that fit on each other.
 
@@ -94,8 +89,6 @@ def recording_of(
             planner drove, or the frames of its messages do not fit.
     """
     robot = options.robot
-    # Who gave the robot is not asked to give it.
-    is_given = "robot" in options.model_fields_set
     with opened(path) as bag:
         # Topics that are options are not looked for.
         types = bag.types
@@ -107,7 +100,7 @@ def recording_of(
         if not note and has_recorded_plans and not has_plan(drive):
             note = NO_PLAN
         if not note:
-            return recording_from(drive, names, types, planner, robot, is_given)
+            return recording_from(drive, names, types, planner, robot)
     # Outside the block, whose errors would become others without the drive
     if drive.odometry is None:
         problem = missing("odometry", names, types)

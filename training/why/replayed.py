@@ -12,12 +12,12 @@ from applr_ros1.robots.learned import TRAJECTORY
 from applr_ros1.why.limits import REPLAYED
 from applr_ros1.why.replay import Replay, Watch, replay_of
 from applr_ros1.why.rerun import RerunPlanner, with_meter_scoring
-from training.why.recorded import RecordedOptions, recording_of
+from training.why.recorded import BagAnswerOptions, recording_of
 
 ENOUGH = 0.98  # share of reproduced cycles from which on nothing else is assumed
 
 
-def replay_in(path: Path, options: RecordedOptions, watch: Watch = iter) -> Replay:
+def replay_in(path: Path, options: BagAnswerOptions, watch: Watch = iter) -> Replay:
     """Return the replay of the drive in a bag.
 
     Args:

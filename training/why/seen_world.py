@@ -6,7 +6,6 @@ what it likes.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Sequence
 
@@ -76,17 +75,15 @@ def write_map(grid: Grid, path: str) -> None:
     Its edge is occupied. Cells that no beam has reached are free, and floor that reaches the edge
     of a map counts as outside, where no courses begin.
     """
-    from PIL import Image  # slow, and needed only here
-
     image_path = Path(path).with_suffix(".pgm")
     # An image begins at the top, a map at the bottom. map_saver writes black and near white.
     is_occupied = grid.cells[::-1] == OCCUPIED
     is_occupied[[0, -1]] = True
     is_occupied[:, [0, -1]] = True
     pixels = np.where(is_occupied, 0, 254).astype(np.uint8)
-    image_buffer = io.BytesIO()
-    Image.fromarray(pixels).save(image_buffer, "PPM")
-    write_bytes(str(image_path), image_buffer.getvalue())
+    row_count, column_count = pixels.shape
+    header = f"P5\n{column_count} {row_count}\n255\n".encode()
+    write_bytes(str(image_path), header + pixels.tobytes())
     map_fields = {
         "image": image_path.name,
         "resolution": grid.resolution,

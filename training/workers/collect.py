@@ -94,8 +94,7 @@ def collect(env: Callable[..., Any], options: str, task: Collect, weights: bytes
             action = np.clip(policy_action + noise, -1.0, 1.0)
         observation, reward, terminated, truncated, info = simulation.step(action)
         observations.append(observation)
-        # The action that was in force, which the stall rule may have replaced.
-        actions.append(info.get("action", action))
+        actions.append(action)
         rewards.append(float(reward))
         terms.update(info.get("reward", {}))
 

@@ -1,4 +1,4 @@
-"""Program that an AnswerProcess starts for each stop: reads its bag, prints a line an answer.
+"""Program that an AnswerProcess starts for each stop: reads messages, prints a line an answer.
 
 It needs no ROS master.
 """
@@ -6,17 +6,24 @@ It needs no ROS master.
 from __future__ import annotations
 
 import json
+import marshal
 import sys
+from contextlib import suppress
+from typing import List
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.nodes.black_box.messages import deserialize
 from applr_ros1.why.black_box.answering import answers_of
-from applr_ros1.why.black_box.bag_file import read_messages
+from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 
 
 def main() -> int:
-    """Answer to the bag on stdin."""
-    messages = list(read_messages(sys.stdin.buffer.read()))
+    """Answer to the messages on stdin."""
+    messages: List[RawMessage] = []
+    with suppress(EOFError):
+        while True:
+            time, publication, data = marshal.load(sys.stdin.buffer)
+            messages.append(RawMessage(time, Publication(*publication), data))
     for answer in answers_of(messages, deserialize):
         print(json.dumps(answer.message()), flush=True)
     return 0

@@ -41,6 +41,7 @@ _SECTIONS = (
 _ALSO_ASKED = {
     "base": ("wheel_mass", "casters"),
     "body": ("bottom",),
+    "laser": ("no_return",),
     "monitor": ("deceleration", "yaw_deceleration"),
 }
 _LIMITS = ("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration")
@@ -56,6 +57,7 @@ _WHERE = {
     "body": "measured, or from the maker's drawing",
     "laser": "from rostopic echo -n 1 --noarr on the topic of the scans",
     "rate": "from rostopic hz on the topic of the scans",
+    "no_return": "by its driver in docs/howto/lasers.md; no line if this is +inf or NaN",
     "monitor": "measured by measure_braking.py",
     "base": "measured on the robot",
 }

@@ -6,6 +6,7 @@ The messages go to it through a pipe, so that it needs no disk. It prints an ans
 from __future__ import annotations
 
 import json
+import marshal
 import subprocess
 import threading
 import time
@@ -13,7 +14,7 @@ from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, Dict, Iterable, Optional, Sequence
 
-from applr_ros1.why.black_box.bag_file import RawMessage, write_messages
+from applr_ros1.why.black_box.bag_file import RawMessage
 
 NICE = "10"  # priority of the process, far behind the control loop
 LONGEST_S = 60.0  # time after which a process that has not ended is killed [s]
@@ -25,7 +26,7 @@ class AnswerProcess:
     """Starts the process for a stop, and ends it if the next stop comes.
 
     Args:
-        command: Command that reads a bag, and prints answers.
+        command: Command that reads the messages, and prints answers.
     """
 
     def __init__(self, command: Sequence[str]):
@@ -112,7 +113,8 @@ class _Job:
 def _send(process: subprocess.Popen[bytes], messages: Iterable[RawMessage]) -> None:
     pipe: Any = process.stdin
     with suppress(OSError), pipe:  # The process was ended for the next stop.
-        write_messages(pipe, messages)
+        for time, publication, data in messages:
+            marshal.dump((time, tuple(publication), data), pipe)
 
 
 def _listen(process: subprocess.Popen[bytes], answers: SimpleQueue[Dict[str, Any]]) -> None:

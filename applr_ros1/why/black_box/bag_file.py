@@ -1,7 +1,6 @@
 """Files of serialised messages in the format of rosbag (version 2.0), without ROS.
 
-The messages stay as they came, and no definition of a message is compiled. Files are written
-uncompressed; files that others compressed are not read.
+The messages stay as they came, and no definition of a message is compiled.
 """
 
 from __future__ import annotations
@@ -13,14 +12,12 @@ from typing import (
     DefaultDict,
     Dict,
     Iterable,
-    Iterator,
     List,
     NamedTuple,
     Sequence,
     Tuple,
 )
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.columns import SECOND
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -67,12 +64,8 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-# -- writing ---------------------------------------------------------------------------------------
 def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
-    """Write messages in order of time as a bag to a file at its begin, or to a pipe.
-
-    In a pipe, the bag's first record does not say where its index is. read_messages needs no index.
-    """
+    """Write messages in order of time as a bag to a file at its begin."""
     connections: Dict[Publication, int] = {}
     chunk_infos: List[bytes] = []
     position = file.write(MAGIC)
@@ -95,9 +88,9 @@ def write_messages(file: BinaryIO, messages: Iterable[RawMessage]) -> None:
         file.write(_connection(number, publication))
     for chunk_info in chunk_infos:
         file.write(chunk_info)
-    if file.seekable():
-        file.seek(len(MAGIC))
-        file.write(_file_header(chunk.end, len(connections), len(chunk_infos)))
+    # Only now it is known where the index is.
+    file.seek(len(MAGIC))
+    file.write(_file_header(chunk.end, len(connections), len(chunk_infos)))
 
 
 class _Chunk:
@@ -215,64 +208,3 @@ def _record_head(fields: Sequence[Tuple[bytes, bytes]], length: int) -> bytes:
     """Return the beginning of a record, before data of a length."""
     header = _packed(fields)
     return UINT32.pack(len(header)) + header + UINT32.pack(length)
-
-
-# -- reading ---------------------------------------------------------------------------------------
-def read_messages(content: bytes) -> Iterator[RawMessage]:
-    """Yield the messages of an uncompressed bag in the order in which they were written.
-
-    Raises:
-        ApplrError: It is compressed, or no bag.
-    """
-    if not content.startswith(MAGIC):
-        raise ApplrError("it is no bag of ROS 1: give a file of rosbag")
-    publications: Dict[bytes, Publication] = {}
-    for header, data in _records(memoryview(content)[len(MAGIC) :]):
-        if header[b"op"] != CHUNK:
-            continue
-        if header[b"compression"] != b"none":
-            raise ApplrError("the bag is compressed: give one of the black box")
-        for inner_header, inner_data in _records(data):
-            number = inner_header[b"conn"]
-            if inner_header[b"op"] == CONNECTION:
-                publications[number] = _publication(inner_header[b"topic"], inner_data)
-            else:
-                seconds, nanoseconds = TIME.unpack(inner_header[b"time"])
-                time = seconds * SECOND + nanoseconds
-                yield RawMessage(time, publications[number], bytes(inner_data))
-
-
-def _records(content: memoryview) -> Iterator[Tuple[Dict[bytes, bytes], memoryview]]:
-    """Yield the fields of each record's header, and its data."""
-    position = 0
-    while position < len(content):
-        header_begin = position + UINT32.size
-        header_end = header_begin + UINT32.unpack_from(content, position)[0]
-        data_begin = header_end + UINT32.size
-        data_end = data_begin + UINT32.unpack_from(content, header_end)[0]
-        yield _unpacked(content[header_begin:header_end]), content[data_begin:data_end]
-        position = data_end
-
-
-def _unpacked(packed_fields: memoryview) -> Dict[bytes, bytes]:
-    """Return the fields that `_packed` packed, by name."""
-    fields = {}
-    position = 0
-    while position < len(packed_fields):
-        field_begin = position + UINT32.size
-        position = field_begin + UINT32.unpack_from(packed_fields, position)[0]
-        name, _, value = bytes(packed_fields[field_begin:position]).partition(b"=")
-        fields[name] = value
-    return fields
-
-
-def _publication(topic: bytes, description: memoryview) -> Publication:
-    fields = _unpacked(description)
-    return Publication(
-        topic=topic.decode(),
-        type=fields[b"type"].decode(),
-        md5sum=fields[b"md5sum"].decode(),
-        definition=fields.get(b"message_definition", b"").decode(),
-        publisher=fields.get(b"callerid", b"").decode(),
-        is_latched=fields.get(b"latching") == b"1",
-    )

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Iterable, Iterator, List
 
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.common.files import PARTIAL, reading, written_whole
+from applr_ros1.common.files import PARTIAL, written_whole
 from applr_ros1.why.black_box.bag_file import (
     CHUNK_BYTES,
     HEADER_BYTES,
     RawMessage,
-    read_messages,
     write_messages,
 )
 from applr_ros1.why.black_box.description import TOPIC
@@ -107,10 +106,8 @@ def _is_own(path: Path) -> bool:
     """Return whether a black box has written a file: its name and its first message say so."""
     if not re.fullmatch(BAG_NAME, path.name) or not _is_regular(path):
         return False
-    with suppress(ApplrError), reading(path), path.open("rb") as file:
-        begin = file.read(2 * HEADER_BYTES)
-        for message in read_messages(begin):
-            return message.publication.topic == TOPIC
+    with suppress(OSError), path.open("rb") as file:
+        return f"topic={TOPIC}".encode() in file.read(2 * HEADER_BYTES)
     return False
 
 

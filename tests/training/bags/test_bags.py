@@ -45,13 +45,14 @@ from applr_ros1.senses.standing import ACTIVE, PREEMPTING
 from applr_ros1.stack.simulated import SimulatedRobot
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support import lines_with
+from tests.support.bags import read, write
 from tests.support.drives import Messages, decided, whole_drive
 from training.appld import __main__ as appld
 from training.appld import demonstrate
 from training.appld.scripted_driver import Demonstrator
 from training.bags.maker import Maker
-from training.bags.read import BagError, bags_in, read
-from training.bags.write import BagWriter, write
+from training.bags.read import BagError, bags_in
+from training.bags.write import BagWriter
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.env.trajectory import Trajectory, TransitionLayout

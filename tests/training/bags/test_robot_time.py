@@ -7,8 +7,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1.drives.columns import SECOND
 from applr_ros1.drives.robot_time import RobotTime
+from tests.support.bags import read
 from tests.support.drives import Messages
-from training.bags.read import read
 
 DAY_S = 86_400.0
 

@@ -251,13 +251,6 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
         assert table.result(second_task) == stored_result
 
 
-def test_more_trials_only_append(tmp_path, run):
-    assert run(command(tmp_path, "--trials", 2)) == 0
-    two_trials = (tmp_path / "trials.csv").read_bytes()
-    assert run(command(tmp_path)) == 0
-    assert (tmp_path / "trials.csv").read_bytes().startswith(two_trials)
-
-
 def test_the_result_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("TOY_SECONDS", "0")
     monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
@@ -344,6 +337,7 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refus
     [
         (["--trials", "0"], ["--trials is '0'", "at least 1"]),
         (["--simulator", "gazebo"], ["pybullet"]),
+        (["--planner", "drawn"], ["ours"]),
         (["--worlds", "generated:1,generated:1"], ["two worlds"]),
         (["--methods", "dwa,dwa"], ["two methods"]),
         (["--methods", "no_such_module:Mine"], ["no_such_module"]),

@@ -12,7 +12,6 @@ import pytest
 from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.drive import FLIPPED
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
@@ -228,42 +227,18 @@ def test_better_is_a_smaller_mean_with_a_significant_difference():
     assert not is_better([10.0] * 3), "p = .25"
 
 
-def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
-    line, _ = summary(results)
-    is_tested = results.trials.world.isin(results.of_set("Test"))
-    trials = results.trials[is_tested].set_index(["world", "trial"])
-    dwa = trials[trials.method == "dwa"]
-    applr = trials[trials.method == "applr"]
-    both_arrive = dwa.success & applr.success
-    dwa_s = dwa.time_s[both_arrive].mean()
-    applr_s = applr.time_s[both_arrive].mean()
-    assert line.startswith(
-        f"applr better: no, {applr.success.sum()} of {len(both_arrive)} arrive "
-        f"(dwa: {dwa.success.sum()}); {applr_s:.1f} s instead of {dwa_s:.1f} s "
-        f"where both arrive ({both_arrive.sum()} drives); p = "
-    )
-
-
-@pytest.mark.parametrize(
-    ("p", "reason", "is_better"),
-    [(0.02, "", True), (0.03, "", False), (0.02, FLIPPED, False)],
-)
-def test_of_two_rivals_each_needs_half_the_level_and_no_falls(
-    results, monkeypatch, p, reason, is_better
-):
+@pytest.mark.parametrize(("p", "is_better"), [(0.02, True), (0.03, False)])
+def test_of_two_rivals_each_needs_half_the_level(results, monkeypatch, p, is_better):
     """The better one of two equal methods is often better by luck."""
     assert len(results.rivals) == 2
     comparison = Comparison(50, Estimate(-2.0, -4.0, 0.0), Estimate(0.1, 0.0, 0.2), p)
     monkeypatch.setattr(judging, "compare", lambda scores, others: comparison)
     # Neither is worse in its worst tenth.
     monkeypatch.setattr(judging, "worst_tenth", lambda scores: dict.fromkeys(scores, 0.0))
-    reasons = results.trials.method.map({rival: reason for rival in results.rivals})
-    monkeypatch.setattr(results, "trials", results.trials.assign(reason=reasons))
     answer = "yes" if is_better else "no"
     assert f" better: {answer}, " in report.headline(results)
     for line in report.summary(results):
         assert f"better: {answer}" in line
-        assert ("it falls over in " in line) == bool(reason)
 
 
 def test_the_headline_names_the_rival_that_saves_most(results, monkeypatch):

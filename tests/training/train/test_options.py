@@ -89,7 +89,6 @@ def test_each_recipe_consists_of_valid_options(name):
 def test_defaults_and_noise_are_the_documented_ones():
     paper = TrainConfig()
     assert paper.gamma == 0.95
-    assert paper.n_step == 4
     assert paper.critic_lr == 1e-3
     assert ACTOR_LR == 3e-4
     assert TAU == 0.005
@@ -146,42 +145,25 @@ def test_a_run_learns_with_the_obstacle_range_of_the_set_or_policy_at_its_start(
         assert config.environment()["obstacle_range"] == expected
 
 
-def test_a_resumed_run_learns_on_with_the_range_of_its_own_policy(tmp_path):
-    # Given: a run whose start is gone
-    out = tmp_path / "run"
-    out.mkdir()
-    stored = {"out": str(out), "init_from": str(tmp_path / "gone.safetensors")}
-    (out / "config.json").write_text(json.dumps(stored))
-    # Then: what it has written counts, also if this says nothing
-    for metadata, expected in (({"obstacle_range": 4.0}, 4.0), ({}, None)):
-        save(out / "actor.safetensors", make_weights(), metadata)
-        config = parse(["--resume", "--out", str(out)])
-        assert config.environment()["obstacle_range"] == expected
-    # Also if the start has changed
-    start = tmp_path / "start.safetensors"
-    save(start, make_weights(), {"obstacle_range": 6.0})
-    stored["init_from"] = str(start)
-    (out / "config.json").write_text(json.dumps(stored))
-    assert parse(["--resume", "--out", str(out)]).obstacle_range is None
-    # A run that was stopped before it wrote a policy begins with its start.
-    (out / "actor.safetensors").unlink()
-    assert parse(["--resume", "--out", str(out)]).obstacle_range == 6.0
-
-
-def test_a_resumed_run_keeps_the_fixed_values_of_its_own_policy(tmp_path):
-    # Given: a run whose parameter set has changed since
-    out = tmp_path / "run"
-    out.mkdir()
+def test_a_resumed_run_goes_on_with_what_its_own_policy_says(tmp_path):
+    # Given: a run whose parameter set is gone
     set_file = tmp_path / "set.json"
-    stored = {"out": str(out), "init_from": str(set_file), "observation": "dimensionless"}
-    (out / "config.json").write_text(json.dumps(stored))
+    stored = {"out": str(tmp_path), "init_from": str(set_file), "observation": "dimensionless"}
+    (tmp_path / "config.json").write_text(json.dumps(stored))
     encoding = DimensionlessEncoding(JACKAL, 2.0, {"min_in_place_vel_theta": 0.7})
     weights = make_weights(inputs=encoding.size, outputs=encoding.actions)
-    save(out / "actor.safetensors", weights, {}, encoding)
-    set_file.write_text('{"min_in_place_vel_theta": 0.5}')
-    # Then: its drives go on with the values with which it has learned
-    _, fixed_values = parse(["--resume", "--out", str(out)]).start
-    assert fixed_values == {"min_in_place_vel_theta": 0.7}
+    resume = ["--resume", "--out", str(tmp_path)]
+    # Then: the values and the range with which it has learned count, also if it has no range
+    for metadata, expected in (({"obstacle_range": 4.0}, 4.0), ({}, None)):
+        save(tmp_path / "actor.safetensors", weights, metadata, encoding)
+        environment = parse(resume).environment()
+        assert environment["base"] == {"min_in_place_vel_theta": 0.7}
+        assert environment["obstacle_range"] == expected
+        # Also if the set has changed
+        set_file.write_text('{"obstacle_range": 6, "parameters": {"min_in_place_vel_theta": 0.5}}')
+    # A run that was stopped before it wrote a policy begins with its start.
+    (tmp_path / "actor.safetensors").unlink()
+    assert parse(resume).obstacle_range == 6.0
 
 
 @pytest.mark.parametrize("is_folder", [False, True])
@@ -218,6 +200,6 @@ def test_a_resumed_run_keeps_the_problem_whose_rewards_it_has_stored(option, tmp
 
 def test_a_resumed_run_has_its_stored_options(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path), "recipe": "paper"}))
-    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4
+    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).along_y is False
     with pytest.raises(ApplrError, match="recipe: the run in .* has another value"):
         parse(["--resume", "--recipe", "jackal", "--out", str(tmp_path)])

@@ -15,7 +15,7 @@ from training.train.learner.learner import draw_batch
 from training.train.replay.buffer import ReplayBuffer
 
 SMALL = TransitionLayout(scan=4, rest=2, action=2)
-BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
+BATCH = LearnerOptions(batch_size=64, gamma=0.9)
 
 
 def episode(length, number=0, terminated=False):
@@ -46,9 +46,8 @@ def test_a_stored_scan_is_exact_to_half_a_step():
 @given(
     st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12),
     st.integers(12, 40),
-    st.integers(1, 5),
 )
-def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
+def test_samples_are_the_episodes_own_transitions(lengths, capacity):
     """Samples are compared with a list of episodes. The ring is overwritten several times."""
     # Given: episodes in a buffer, and where each of their observations is
     gamma = 0.9
@@ -66,27 +65,20 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
 
     # When: transitions are drawn
     rows = replay.draw(np.random.default_rng(0), 200)
-    rewards, discounts, following_rows = replay.n_step_return(rows, n, gamma)
+    following_rows, discounts = replay.following(rows, gamma)
 
-    # Then: each is the transition of its episode over n steps, or up to its end
-    for row, reward, discount, following in zip(rows, rewards, discounts, following_rows):
+    # Then: each is the transition of its episode
+    for row, discount, following in zip(rows, discounts, following_rows):
         trajectory, step = origin_of[replay.rest[row].tobytes()]
-        end_step = min(step + n, len(trajectory))
-
-        factors = gamma ** np.arange(end_step - step)
-        n_step_reward = float(factors @ trajectory.reward[step:end_step])
-        assert reward == pytest.approx(n_step_reward, abs=1e-5)
-
         # Only a real end has no future; a time limit or a cut has one.
-        n_step_discount = gamma ** (end_step - step)
-        if trajectory.terminated and end_step == len(trajectory):
-            n_step_discount = 0.0
-        assert discount == pytest.approx(n_step_discount)
+        is_terminal = trajectory.terminated and step + 1 == len(trajectory)
+        assert discount == np.float32(0.0 if is_terminal else gamma)
 
+        assert replay.reward[row] == trajectory.reward[step]
         assert np.array_equal(replay.scan[row], trajectory.scan[step])
         assert np.array_equal(replay.action[row], trajectory.action[step])
-        assert np.array_equal(replay.rest[following], trajectory.rest[end_step])
-        assert np.array_equal(replay.scan[following], trajectory.scan[end_step])
+        assert np.array_equal(replay.rest[following], trajectory.rest[step + 1])
+        assert np.array_equal(replay.scan[following], trajectory.scan[step + 1])
 
 
 def test_every_transition_is_drawn_equally_often():
@@ -118,6 +110,7 @@ def test_a_batch_has_the_transitions_of_its_rows():
         step = int(np.argmin(differences.sum(1)))
         np.testing.assert_allclose(batch.observation[row], observations[step], atol=1e-6)
         np.testing.assert_allclose(batch.next_observation[row], observations[step + 1], atol=1e-6)
+        assert float(batch.reward[row]) == trajectory.reward[step]
         discount = 0.9
         if step == 4:  # The episode ends with its fifth transition.
             discount = 0.0

@@ -120,31 +120,3 @@ def test_policies_are_compared_on_this_machine_alone(tmp_path, evaluated):
     for requested in evaluated:
         assert 0 < requested.workers <= (os.cpu_count() or 1)
         assert requested.ray_address == ""
-
-
-@pytest.mark.parametrize(
-    ("seconds", "method"),
-    [
-        ({"applr": 7.5, "static": 5.0}, "static"),
-        ({"applr": 7.5, "static": 20.0}, "applr"),
-        ({"applr": 30.0, "static": 20.0}, "dwa"),
-    ],
-)
-def test_the_policy_is_compared_with_default_and_tuned_parameters(
-    seconds, method, tmp_path, evaluated, monkeypatch
-):
-    for method_name, time_s in seconds.items():
-        monkeypatch.setitem(SECONDS, method_name, time_s)
-    policy_file = tmp_path / "seed_3/best.safetensors"
-    policy_file.parent.mkdir()
-    policy_file.write_bytes(b"a policy")
-
-    config = parse(toy(tmp_path, "--seeds", 2))
-    _, table, *_, last_line = several.choose(config, tmp_path, [policy_file])
-
-    _, *table_rows = table.splitlines()
-    for row, method_name in zip(table_rows, ("dwa", "static", "applr"), strict=True):
-        # Its mean time is 0.1 s above the one in SECONDS.
-        assert row.split()[4] == f"{SECONDS[method_name] + 0.1:.1f}"
-    assert last_line.startswith(f"drive with: {method}; ")
-    assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"

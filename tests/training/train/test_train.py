@@ -207,19 +207,6 @@ def wait_for_a_checkpoint(out, process):
         time.sleep(0.02)
 
 
-@pytest.mark.fault("19")
-def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
-    run_folder = tmp_path / "run"
-    with start(toy(run_folder, "--total-timesteps", "100000")) as process:
-        wait_for_a_checkpoint(run_folder, process)
-        process.send_signal(signal.SIGKILL)
-    saved_transitions = Learner.saved(run_folder)["transitions"]
-    step_count = saved_transitions + 100
-    arguments = ["--resume", "--out", str(run_folder), "--total-timesteps", str(step_count)]
-    assert main(arguments) == 0
-    assert Learner.saved(run_folder)["transitions"] == step_count
-
-
 def left_at_each_write(command, folder, copies, monkeypatch):
     """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return
     the name of the function of each write.

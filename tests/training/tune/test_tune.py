@@ -243,11 +243,6 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert "tuned.yaml: static better: yes, 12 of 12 arrive (dwa: 12); " in page_text
     page_data = data_of(page_text)
     assert [row["parameter"] for row in page_data["changes"]] == list(tuned_set)
-    tuned_verdict, static_verdict = page_data["verdicts"]
-    assert tuned_verdict["file"] == "tuned.yaml"
-    assert static_verdict["file"] == "static.json"
-    assert len(tuned_verdict["courses"]) == 12
-    assert len(static_verdict["courses"]) == 12
     assert page_data["scope"].startswith(search_line)
     assert page_data["yaml"] == (jackal / "tuned.yaml").read_text()
 

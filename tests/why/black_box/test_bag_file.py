@@ -1,16 +1,14 @@
-"""Tests of bags that are written without ROS, read by the library rosbags and by the black box."""
+"""Tests of bags that are written without ROS, read by the library rosbags."""
 
 import io
 
 import pytest
 from rosbags.rosbag1 import Reader
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.why.black_box import bag_file
 from applr_ros1.why.black_box.bag_file import (
     Publication,
     RawMessage,
-    read_messages,
     write_messages,
 )
 
@@ -59,19 +57,8 @@ def test_rosbags_reads_what_was_written(tmp_path, monkeypatch, chunk_bytes):
     assert counts["/text"] == 1
 
 
-@pytest.mark.parametrize("chunk_bytes", [1, 10_000])
-def test_messages_are_read_back_as_they_were(monkeypatch, chunk_bytes):
-    monkeypatch.setattr(bag_file, "CHUNK_BYTES", chunk_bytes)
-    assert list(read_messages(written(MESSAGES))) == MESSAGES
-
-
 def test_a_bag_without_messages_is_a_bag(tmp_path):
     bag_path = tmp_path / "empty.bag"
     bag_path.write_bytes(written([]))
     with Reader(bag_path) as reader:
         assert not list(reader.messages())
-
-
-def test_another_file_is_refused():
-    with pytest.raises(ApplrError, match="no bag"):
-        list(read_messages(b"something else"))

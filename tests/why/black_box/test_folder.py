@@ -17,12 +17,11 @@ from applr_ros1.why.black_box import folder as folder_module
 from applr_ros1.why.black_box.bag_file import (
     Publication,
     RawMessage,
-    read_messages,
     write_messages,
 )
 from applr_ros1.why.black_box.black_box import DESCRIPTION
 from applr_ros1.why.black_box.folder import ROOM_BYTES, StopFolder
-from tests.support import ROOT
+from tests.support import ROOT, raw_messages
 
 SCAN = Publication("/scan", "sensor_msgs/LaserScan", "")
 SCANS = [RawMessage(second * 10**9, SCAN, b"x" * 1000) for second in range(1, 20)]
@@ -57,7 +56,7 @@ def bag_of(number):
 def test_a_stop_is_a_bag_in_a_folder_that_is_made(folder):
     bag_path = folder.save(moment(0), MESSAGES)
     assert bag_path.name == "stop_2026-11-29_10-00-00.bag"
-    assert list(read_messages(bag_path.read_bytes())) == MESSAGES
+    assert bag_path.read_bytes() == raw_messages.bag_of(MESSAGES)
     # Two stops of one second, or of a clock that was set back
     assert folder.save(moment(0), MESSAGES).name == "stop_2026-11-29_10-00-00_2.bag"
 

@@ -146,10 +146,6 @@ class TaskOptions(DriveSettings):
         "End a training episode, as a failure, if the robot has moved less than "
         f"{STALL_DISTANCE_M:g} m in {STALL_TIME_S:g} s, at the Jackal's scale. Evaluations are not "
         "affected.")
-    stall_rule: bool = option(False,
-        "Let the stall rule of the applr node replace actions of the policy in training episodes, "
-        "as it does in evaluations and on the robot, and learn from the parameters that were in "
-        "force. --end-on-stall then has no effect, because the rule ends nearly every stall.")
     critics_know_more: bool = option(False,
         "Show the critics what the policy cannot know: the true course ahead, moving obstacles, "
         "planner, ground, friction and delays (training/env/privileged.py).")
@@ -335,7 +331,6 @@ class TrainConfig(
             "observation",
             "end_on_collision",
             "end_on_stall",
-            "stall_rule",
             "critics_know_more",
         }
         return {

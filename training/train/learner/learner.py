@@ -254,7 +254,7 @@ def draw_batch(
     """
     size = options.batch_size
     rows = replay.draw(rng, size)
-    reward, discount, following = replay.n_step_return(rows, options.n_step, options.gamma)
+    following, discount = replay.following(rows, options.gamma)
     noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
     def tensor(array: np.ndarray) -> torch.Tensor:
@@ -270,7 +270,7 @@ def draw_batch(
     return Batch(
         observation=observation(rows),
         action=tensor(replay.action[rows]),
-        reward=tensor(reward),
+        reward=tensor(replay.reward[rows]),
         discount=tensor(discount),
         next_observation=observation(following),
         noise=tensor(noise),

@@ -1,4 +1,4 @@
-"""Replay buffer: a ring of observations from which learner.py draws n-step transitions.
+"""Replay buffer: a ring of observations from which learner.py draws transitions.
 
 One row holds s_t, a_t and r_t. s_{t+1} is in the next row, so that no observation is stored twice.
 An episode of T transitions takes T + 1 rows, the last of which has no action. Scans are stored as
@@ -84,33 +84,15 @@ class ReplayBuffer:
                 return rows
             rows[rejected] = rng.integers(0, len(self), len(rejected))
 
-    def n_step_return(
-        self, rows: np.ndarray, n: int, gamma: float
-    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return n-step rewards (B,) from `rows` on, discounts (B,), and the rows (B,) that follow.
+    def following(self, rows: np.ndarray, gamma: float) -> Tuple[np.ndarray, np.ndarray]:
+        """Return the rows (B,) that follow `rows`, and the discounts (B,) of their values.
 
-        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the
-        next value is gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped
-        from its last observation.
+        A discount is gamma, or 0 after a terminal state. A truncated episode is bootstrapped from
+        its last observation.
         """
-        next_rows = rows.copy()
-        # Sums in float64, which the critics get rounded to float32
-        reward_sums = np.zeros(len(rows), np.float64)
-        discounts = np.ones(len(rows), np.float64)
-        is_going_on = np.ones(len(rows), bool)
-        is_terminal = np.zeros(len(rows), bool)
-        for _ in range(n):
-            step_rewards = self.reward[next_rows[is_going_on]]
-            reward_sums[is_going_on] += discounts[is_going_on] * step_rewards
-            discounts[is_going_on] *= gamma
-            # The end of the row that has just been added decides whether the sum goes on.
-            row_ends = self.end[next_rows]
-            is_terminal |= is_going_on & (row_ends == TERMINATED)
-            next_rows[is_going_on] += 1
-            next_rows %= self.capacity
-            is_going_on &= row_ends == GOES_ON
-        discounts[is_terminal] = 0.0
-        return reward_sums.astype(np.float32), discounts.astype(np.float32), next_rows
+        is_terminal = self.end[rows] == TERMINATED
+        discounts = np.where(is_terminal, np.float32(0.0), np.float32(gamma))
+        return (rows + 1) % self.capacity, discounts
 
     def observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
         """Return the stored observations of `rows`, the first `mirrored` of them mirrored.

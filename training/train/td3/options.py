@@ -20,7 +20,6 @@ class TD3Options(Options):
         min_length=1, max_length=15)
     critic_lr: float = option(1e-3, "Learning rate of the critics.", ge=0, le=1)
     gamma: float = option(0.95, "Discount factor per decision.", ge=0, le=1)
-    n_step: int = option(4, "Number of decisions in an n-step return.", ge=1, le=100)
     batch_size: int = option(256,
         "Number of transitions in the batch of a gradient step.", ge=1, le=65536)
     policy_ema_decay: float = option(0.0,
@@ -32,8 +31,8 @@ class TD3Options(Options):
         "approximately symmetric.")
     smoothness: List[Annotated[float, Field(ge=0, le=1000)]] = option([0.0],
         "Weight of a penalty on the mean square change of the policy's action between the two "
-        "observations of a transition, which are --n-step decisions apart, for actions from -1 to "
-        "1. Several numbers weight the parameters one by one. 0 disables the penalty.",
+        "observations of a transition, for actions from -1 to 1. Several numbers weight the "
+        "parameters one by one. 0 disables the penalty.",
         min_length=1)
     preactivation_l2: float = option(0.0,
         "Weight of a penalty on the mean square of the policy's outputs before tanh. The penalty "

@@ -3,9 +3,8 @@
 training/train/learner passes batches from the replay buffer. This module knows nothing of robots,
 files or processes. Defaults are the paper's. If the paper gives no value, they are those of its
 authors' code. Deviations:
-  batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise. n_step 4
-  (not in the paper; the authors' code began with 1 and ended at 4): the replay buffer sums the
-  returns.
+  batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise. Targets are
+  of one step, as in the paper's equations (the authors' code began with 1 and ended at 4).
 Unlike in the authors' code, values are bootstrapped at time limits, and target noise is in action
 units (docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
 """
