@@ -23,6 +23,8 @@ FASTER_FACTOR = 1.5
 # Additional pose change that corrections of the odometry may cause.
 SHIFT_M = 0.3
 TURN_RAD = 0.3
+# Columns of the moving obstacles
+DISC_COLUMNS = ("x", "y", "vx", "vy", "pp", "pv", "vv", "certain", "radius")
 SMOOTH_S = 0.1  # time constant of the low-pass filter on speed and turn rate [s]
 
 
@@ -214,19 +216,19 @@ class MoverTracker:
         is_moving = self._tracks["moves"]
         if not is_moving.any():
             return NO_MOVERS
-        moving_tracks = self._tracks[is_moving]
-        motions = np.column_stack([moving_tracks[column] for column in ("x", "y", "vx", "vy")])
-        x, y, vx, vy = transform_motions(self._to_odometry, motions).T
-        covariance = [moving_tracks["pp"], moving_tracks["pv"], moving_tracks["vv"]]
+        # The older leg of a person comes first, and keeps its number.
+        moving_tracks = np.sort(self._tracks[is_moving], order="id")
+        discs = np.column_stack([moving_tracks[column] for column in DISC_COLUMNS])
+        tracks.join_legs(discs)
+        remains = np.isfinite(discs[:, -1])
+        discs = discs[remains]
+        motions = transform_motions(self._to_odometry, discs[:, :4])
         return Movers(
-            id=moving_tracks["id"],
-            x=x,
-            y=y,
-            vx=vx,
-            vy=vy,
-            radius=moving_tracks["radius"],
-            covariance=np.column_stack(covariance),
-            is_certain=moving_tracks["certain"],
+            moving_tracks["id"][remains],
+            *motions.T,
+            radius=discs[:, -1],
+            covariance=discs[:, 4:7],
+            is_certain=discs[:, 7] > 0.0,
         )
 
 
@@ -237,3 +239,4 @@ def warm_up() -> None:
     for stamp, distance in ((0.0, 2.0), (0.1, 1.9)):
         ranges = np.where(is_on_disc, distance, 5.0)
         tracker.update(LaserScan(stamp, -0.4, 0.02, 0.1, 10.0, ranges, (0.0, 0.0, 0.0)))
+    tracks.join_legs(np.zeros((1, len(DISC_COLUMNS))))

@@ -73,9 +73,8 @@ FARTHEST_M = 1.0  # largest distance of a cluster from its track along x and y [
 # Difference of the radii of cluster and track that counts as one standard deviation [m].
 RESIZED_M = 0.15
 RADIUS_GAIN = 0.2  # share of a new radius in the filtered radius
-# Speed above which a track may be a moving obstacle, and below which it no longer is one.
+# Speed above which a track may be a moving obstacle [m/s].
 SLOWEST_M_S = 0.25
-STANDING_M_S = 0.12
 # Number of standard deviations by which a velocity must differ from zero.
 CLEAR_DEVIATIONS = 2.0
 # Evidence that makes a track a moving obstacle: duration, and number of scans.
@@ -95,9 +94,11 @@ SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 # more.
 CERTAIN_M_S = 0.28
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
-HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
-LOST_S = 0.25  # time without a cluster after which a static track ends [s]
+HIDDEN_S = 0.8  # time for which a hidden moving obstacle or leg is extrapolated [s]
+LOST_S = 0.25  # time without a cluster after which any other track ends [s]
 GONE_SCANS = 2  # number of scans that see through a track after which it ends
+LEG_M = 0.12  # largest radius of a leg [m]
+STEP_M = 0.7  # largest distance of the two legs of a person [m]
 
 
 class EarlierScans(NamedTuple):
@@ -299,7 +300,8 @@ def follow(
             # gone. Depths are float32.
             longest = np.float32(min(fan.range_max, LARGEST_FLOAT32))
             track.gone += sees_through(depth, fan, track.x, track.y, 0.0, longest)
-            longest_time = HIDDEN_S if track.moves else LOST_S
+            # One leg hides the other one; the visible part of a wall changes.
+            longest_time = HIDDEN_S if track.moves or track.radius < LEG_M else LOST_S
             if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest_time:
                 track.id = 0
                 track.moves = False
@@ -307,11 +309,11 @@ def follow(
             continue
         track.seen = fan.stamp
         track.gone = 0
-        if math.hypot(track.vx, track.vy) < STANDING_M_S:
-            _become_static(track)
-        if _is_clearly_moving(track, drift_x, drift_y):
-            points = clusters[cluster_of[track_index]].points
-            is_proved = has_moved(points, history[:, track_index], earlier, depth, fan)
+        cluster = clusters[cluster_of[track_index]]
+        # A wall seems to move while its visible part grows.
+        is_same_size = abs(cluster.radius - track.radius) < RESIZED_M
+        if is_same_size and _is_clearly_moving(track, drift_x, drift_y):
+            is_proved = has_moved(cluster.points, history[:, track_index], earlier, depth, fan)
             _weigh_evidence(track, is_proved, fan.stamp, interval)
         if fan.stamp - track.evident > SILENT_S:
             _become_static(track)
@@ -446,6 +448,26 @@ def _start(track: Track, cluster: Cluster, stamp: float, number: int) -> None:
     track.hits = 0
     track.mean_x = cluster.x
     track.mean_y = cluster.y
+
+
+@kernel
+def join_legs(discs: Array) -> None:
+    """Join the legs of each person in place. A leg that is joined to another one gets radius inf.
+
+    One leg stands while the other one swings at twice the speed of the person: their mean moves
+    as the person does. What has not moved itself for SILENT_S, such as a post, is no leg.
+
+    Args:
+        discs: (n, k) moving obstacles, with x and y [m] first, and the radius [m] last.
+    """
+    for leg_index in range(discs.shape[0]):
+        leg = discs[leg_index]
+        for other in discs[leg_index + 1 :]:
+            distance = math.hypot(other[0] - leg[0], other[1] - leg[1])
+            if distance < STEP_M and max(leg[-1], other[-1]) < LEG_M:
+                leg[:] = 0.5 * (leg + other)
+                leg[-1] += 0.5 * distance
+                other[-1] = np.inf
 
 
 @kernel

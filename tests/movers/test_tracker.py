@@ -432,7 +432,37 @@ def test_obstacles_that_stop_are_dropped_and_obstacles_that_start_are_detected()
     mover_counts = counts(watched)
     assert sum(mover_counts[:31]) == 0
     assert all(mover_counts[42:60])
-    assert sum(mover_counts[72:]) == 0
+    # One leg stands while a person walks: a second without evidence ends the motion.
+    assert sum(mover_counts[85:]) == 0
+
+
+def legs(time):
+    """Return the legs of a person who walks at 1 m/s, and stands on one leg at any time."""
+    feet = []
+    for x, phase in ((2.3, 0.0), (2.5, 0.5)):
+        # A leg stands for half of each stride of 1.1 m, and then swings forward.
+        strides = time / 1.1 + phase
+        swing = max(0.0, 2.0 * (strides % 1.0) - 1.0)
+        feet.append((x, 1.1 * (math.floor(strides) + swing - phase) - 2.0, 0.06))
+    return feet
+
+
+POST = np.array([[2.9, 0.0, 0.06]])  # as thick as a leg, beside the way of the legs
+
+
+@pytest.mark.parametrize(
+    ("laser", "cylinders"),
+    [
+        pytest.param(JACKAL.laser, POST, id="jackal, beside a post"),
+        pytest.param(BURGER, NO_CYLINDERS, id="burger"),
+    ],
+)
+def test_two_legs_are_one_person_who_moves_at_their_mean_velocity(laser, cylinders):
+    watched = Scene(laser, cylinders).watch(4.0, movers=legs)
+    last_seconds = [movers for time, movers in watched if time >= 1.8]
+    errors = [math.dist(velocity_of(movers), (0.0, 1.0)) for movers in last_seconds]
+    assert np.median(errors) < 0.35
+    assert np.mean([len(movers.id) for movers in last_seconds]) < 1.2
 
 
 def test_an_obstacle_that_turns_back_keeps_its_number():
