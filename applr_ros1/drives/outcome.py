@@ -1,6 +1,6 @@
 """Outcome of a trial: what a drive has come to after a decision.
 
-Rewards, evaluations and datasets read it.
+Rewards, evaluations and datasets read it. arrived_cleanly() says what counts as an arrival.
 
 outcome_of() makes it from a Drive, whether the drive was simulated or recorded in a bag.
 """

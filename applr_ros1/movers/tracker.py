@@ -222,10 +222,13 @@ class MoverTracker:
         tracks.join_legs(discs)
         remains = np.isfinite(discs[:, -1])
         discs = discs[remains]
-        motions = transform_motions(self._to_odometry, discs[:, :4])
+        x, y, vx, vy = transform_motions(self._to_odometry, discs[:, :4]).T
         return Movers(
             moving_tracks["id"][remains],
-            *motions.T,
+            x,
+            y,
+            vx,
+            vy,
             radius=discs[:, -1],
             covariance=discs[:, 4:7],
             is_certain=discs[:, 7] > 0.0,

@@ -2,6 +2,8 @@
 
 `./applr check` drives it on open floor, `./applr why` in the world that the laser saw, and
 `./applr tune` searches in search_space(). None of them leaves the ranges of the robot's space.
+applr_ros1/why/factors.py has what is never tried, and the values of each parameter;
+applr_ros1/why/alternatives.py guesses from a replay alone.
 
 A value that is unlike every usual one is the likeliest cause of a failure, whichever parameter has
 it. Therefore usual values of such parameters come first, the most unusual parameter ahead, then

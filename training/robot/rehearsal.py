@@ -18,10 +18,10 @@ from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.scan_matching import noise_of
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots import Robot
+from applr_ros1.senses.standing import STANDS
 
 PERIOD_S = 0.05  # time between two commands [s]
 COLUMNS = Measured._fields  # of a drive
-STANDS = 0.05  # speed up to which a robot stands [m/s, rad/s]
 # Sentence on a drive, the figure that is bad from a limit on, and its remedy
 WORDS = (
     ("{minutes:.1f} min, {rate:.1f} scans per second, longest gap {gap:.2f} s", "gap", 0.5,
@@ -71,7 +71,7 @@ def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
         age = time - float(odometry.stamp[now])
         pose = odometry.pose[now]
         verdict = monitor.filter(time, pose, odometry.twist[now], (v, w), (age, age))
-        if max(abs(v), abs(w)) > STANDS:
+        if not STANDS.holds(v, w):
             counts.update(["moving", verdict.action])
 
     minutes = float(np.ptp(odometry.time)) / 60.0
