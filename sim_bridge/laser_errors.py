@@ -11,9 +11,8 @@ from applr_ros1.common.arrays import Array32
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.robots.robot import Laser
 
-EDGE_M = (
-    0.3  # difference of neighbouring ranges from which on a near surface has its edge there [m]
-)
+# Difference of neighbouring ranges from which on a near surface has its edge there [m]
+EDGE_M = 0.3
 PATCH_M = 0.2  # width of a patch of the world that is dark or glossy [m]
 # Tangent of the angle at which the error of incidence has fallen to a third
 INCIDENCE_TANGENT = 0.18

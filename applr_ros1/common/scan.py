@@ -65,19 +65,22 @@ class LaserScan:
     @cached_property
     def distances(self) -> Array32:
         """What each beam has shown (n,) [m], as distances_of() returns it."""
-        distances = distances_of(self.ranges, self.range_min, self.range_max)
-        if self.no_return is not None:
-            # What a narrow gap hides is unknown.
-            distances[self.free < distances] = np.nan
-        return distances
+        if self.no_return is None:
+            return self._returns
+        # What a narrow gap hides is unknown.
+        return np.where(self.free < self._returns, np.float32(np.nan), self._returns)
 
     @cached_property
     def free(self) -> Array32:
         """Distance up to which each beam is free (n,) [m]; else as `distances`."""
         if self.no_return is None:
-            return self.distances
-        distances = distances_of(self.ranges, self.range_min, self.range_max)
-        return _free_as_beside(distances, self.angle_increment)
+            return self._returns
+        return _free_as_beside(self._returns, self.angle_increment)
+
+    @cached_property
+    def _returns(self) -> Array32:
+        """What each beam has shown (n,) [m] if no return is a free beam everywhere."""
+        return distances_of(self.ranges, self.range_min, self.range_max)
 
 
 @dataclass

@@ -15,9 +15,10 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import step_lengths
-from applr_ros1.common.scan import distances_of
+from applr_ros1.common.scan import LaserScan, distances_of
 from applr_ros1.monitor.monitor import STOP
 from applr_ros1.policy.decision import Seen
+from applr_ros1.robots.robot import Laser
 from worlds import World
 
 SelfRows = TypeVar("SelfRows", bound="Rows")
@@ -180,6 +181,28 @@ class Scans(Rows):
         """Return what the beams of a scan have shown (m,) [m] (LaserScan.distances)."""
         _, _, range_min, range_max = self.fan[row]
         return distances_of(self.ranges[row], range_min, range_max)
+
+    def scan(self, row: int, stamp: float, sensor_pose: Pose, laser: Laser) -> LaserScan:
+        """Return a scan for planner and monitor.
+
+        Args:
+            row: Row of the scan.
+            stamp: Stamp that it gets [s].
+            sensor_pose: Pose (x, y, yaw) of the laser at the scan's own stamp.
+            laser: Laser of the robot.
+        """
+        first_angle, increment, range_min, range_max = self.fan[row].tolist()
+        return LaserScan(
+            stamp=stamp,
+            angle_min=first_angle,
+            angle_increment=increment,
+            range_min=range_min,
+            range_max=range_max,
+            ranges=self.ranges[row],
+            sensor_pose=sensor_pose,
+            sensor_height=laser.height,
+            no_return=laser.no_return,
+        )
 
 
 @dataclass

@@ -91,19 +91,9 @@ class Recording:
 
     def scan(self, scan_row: int) -> LaserScan:
         """Return a scan at the laser's place in the odometry frame at the time of its stamp."""
-        first_angle, increment, range_min, range_max = self.scans.fan[scan_row].tolist()
         robot_pose = self.odometry.pose_at(self.scans.stamp[scan_row])
-        return LaserScan(
-            stamp=0.0,
-            angle_min=first_angle,
-            angle_increment=increment,
-            range_min=range_min,
-            range_max=range_max,
-            ranges=self.scans.ranges[scan_row],
-            sensor_pose=compose(robot_pose, self.laser_pose),
-            sensor_height=self.robot.laser.height,
-            no_return=self.robot.laser.no_return,
-        )
+        sensor_pose = compose(robot_pose, self.laser_pose)
+        return self.scans.scan(scan_row, 0.0, sensor_pose, self.robot.laser)
 
     def goal_at(self, time: float) -> Optional[PursuedGoal]:
         """Return the goal that the robot pursued at a time [s], or None if it is unknown.

@@ -13,7 +13,6 @@ from typing import List, NamedTuple, Sequence
 import numpy as np
 
 from applr_ros1.common.angles import Twist
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import space_of
@@ -76,17 +75,8 @@ def step(planner: MoveBase, demonstration: Demonstration, robot: Robot, i: int) 
     planner_time = clock(i)
     pose = tuple(demonstration.odometry.pose[i].tolist())
     twist = tuple(demonstration.odometry.twist[i].tolist())
-    first_angle, increment, range_min, range_max = demonstration.scans.fan[0].tolist()
-    scan = LaserScan(
-        stamp=planner_time,
-        angle_min=first_angle,
-        angle_increment=increment,
-        range_min=range_min,
-        range_max=range_max,
-        ranges=demonstration.scans.ranges[i],
-        sensor_pose=robot.laser.pose_for(pose),
-        sensor_height=robot.laser.height,
-    )
+    laser_pose = robot.laser.pose_for(pose)
+    scan = demonstration.scans.scan(i, planner_time, laser_pose, robot.laser)
     cycle = planner.step(planner_time, pose, twist, scan)
     return cycle.command or (0.0, 0.0)
 

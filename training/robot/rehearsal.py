@@ -92,21 +92,9 @@ def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
 
 def _scan(measured: Measured, row: int, robot: Robot, period: float) -> LaserScan:
     """Return a scan in the odometry's frame. Real lasers measure beam by beam, all the time."""
-    scans = measured.scans
-    stamp = float(scans.stamp[row])
+    stamp = float(measured.scans.stamp[row])
     pose = robot.laser.pose_for(measured.odometry.pose_at(stamp))
-    first_angle, increment, range_min, range_max = scans.fan[row].tolist()
-    return LaserScan(
-        stamp,
-        first_angle,
-        increment,
-        range_min,
-        range_max,
-        scans.ranges[row],
-        pose,
-        sweep=period,
-        no_return=robot.laser.no_return,
-    )
+    return replace(measured.scans.scan(row, stamp, pose, robot.laser), sweep=period)
 
 
 def lines(figures: Dict[str, float]) -> List[str]:
