@@ -14,12 +14,15 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Dict, List, NamedTuple
 
+import numpy as np
 import rospy
 from genpy.message import fill_message_args, get_message_class
 
 from applr_ros1.drives.columns import COLUMNS, GAVE_UP, Fields
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.senses.standing import ACTIVE
+from sim_bridge.lidar import Lidar
+from tests.support.box import spawned
 from tests.support.ros import RosMaster
 
 RATE_HZ = 20
@@ -29,7 +32,14 @@ LASTS_S = 22.0  # time that is played [s]
 STRAFES_AT_S = 4.0  # time from which on the base beside TEB drives sideways [s]
 AT_ONCE = 3  # number of stops that are played at one time
 PLANNER = "TebLocalPlannerROS"
-FAN = (-math.pi, math.radians(5.0), 0.1, 30.0)  # of the laser (Scans.fan)
+LASER = JACKAL.laser.model_copy(
+    update={"beams": 72, "first_angle": -math.pi, "last_angle": math.radians(175.0)}
+)
+FAN = (LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max)  # (Scans.fan)
+# What the laser sees of a room that is 20 m long and wide
+WALLS = [(x, 0.0, 0.0, 0.1, 20.0) for x in (-10.0, 10.0)]
+WALLS += [(0.0, y, 0.0, 20.0, 0.1) for y in (-10.0, 10.0)]
+ROOM = Lidar(LASER, np.zeros((0, 3)), np.array(WALLS))
 HELD = r"the base did not follow its commands of 0\.30 m/s"
 
 
@@ -149,7 +159,9 @@ class ForeignStack:
                 self._send("/cmd_vel", **asked)
         if tick % 4 == 0:
             if happens != "laser silent":
-                self._send("/scan", stamp=0, fan=FAN, ranges=self._room())
+                self._send(
+                    "/scan", stamp=0, fan=FAN, ranges=ROOM.scan(self._x, self._y, 0.0).tolist()
+                )
             for action in self._actions:
                 is_pursued = has_goal and action.rstrip("/") in self._stop.actions.split(" ")
                 self._send(f"~{action}status", not is_pursued, id=f"{action} one", code=ACTIVE)
@@ -165,17 +177,6 @@ class ForeignStack:
                 self._send(f"~{PLANNER}/global_plan", path=path)
             self._send("~NavfnROS/plan", path=path)
 
-    def _room(self) -> List[float]:
-        """Return what the laser sees of a room that is 20 m long."""
-        ranges = []
-        for beam in range(72):
-            angle = FAN[0] + beam * FAN[1]
-            wall_x = 10.0 - math.copysign(self._x, math.cos(angle))
-            wall_y = 10.0 - math.copysign(self._y, math.sin(angle))
-            ahead = wall_x / max(abs(math.cos(angle)), 1e-6)
-            ranges.append(min(ahead, wall_y / max(abs(math.sin(angle)), 1e-6)))
-        return ranges
-
     def _send(self, topic: str, is_empty: bool = False, **row: Any) -> None:
         """Publish a row of a drive, or a message without any."""
         key, publisher = self._publishers[topic]
@@ -189,8 +190,7 @@ class ForeignStack:
 def row_of(stop: ForeignStop) -> List[str]:
     """Play a stop beside the black box, and return stack, stop, whether it is right, and words."""
     with RosMaster() as master, tempfile.TemporaryDirectory() as folder:
-        box_module = "applr_ros1.nodes.black_box.node"
-        box = master.spawn(sys.executable, "-m", box_module, f"_folder:={folder}")
+        box = spawned(master, folder)
         box.until("waiting for")
         number = STOPS.index(stop)
         stack = master.spawn(sys.executable, "-m", "benchmarks.black_box_beside", str(number))

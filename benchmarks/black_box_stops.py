@@ -2,23 +2,20 @@
 
 Plants one kind of stop at a time in a running stack with a simulated Jackal, once with this
 package's move_base and once with a stand-in for the C++ one, and waits for the answer of the black
-box. Each stop is a row of the table, in place of its earlier row. Stops during which the planner
-commands are driven once more without the black box, to compare the intervals of the commands.
+box. Each stop is a row of docs/results/black_box.csv. Stops during which the planner commands are
+driven once more without the black box, to compare the intervals of the commands.
 """
 
 from __future__ import annotations
 
-import argparse
-import copy
 import csv
 import os
 import re
-import sys
 import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple
 
 import actionlib
 import numpy as np
@@ -27,9 +24,11 @@ import rospy
 from applr_ros1.msg import Stop
 from move_base_msgs.msg import MoveBaseAction
 
+from applr_ros1.planner.parameters.trees import merged
+from tests.support.box import Box, spawned
 from tests.support.nodes import POSTS, FakeJackal, goal
 from tests.support.robots import JACKAL_PARAMETERS, ring
-from tests.support.ros import LONGEST, Child, session, wait_for
+from tests.support.ros import LONGEST, session, wait_for
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "black_box.csv"
 MOVE_BASES = {"python": "move_base", "like C++": "tests.support.cpp_move_base"}
@@ -46,7 +45,7 @@ class PlantedStop(NamedTuple):
     Attributes:
         name: Its name in the table.
         reason: Regular expression of the right reason.
-        parameters: Values of move_base to replace: {"a/b": value}.
+        parameters: Values of move_base to replace.
         guesses: Names of parameters one of which a guess names; () if none is expected.
         circles: Obstacles (x, y, radius) [m].
         goal_pose: Goal (x, y, yaw) [m, rad].
@@ -103,12 +102,8 @@ def _jump(jackal: FakeJackal) -> None:
 
 
 def _of_costmaps(**values: Any) -> Dict[str, Any]:
-    """Return values of both costmaps; `inflater_layer__NAME` is NAME of the layer."""
-    parameters = {}
-    for costmap in ("local_costmap", "global_costmap"):
-        for value_name, value in values.items():
-            parameters[f"{costmap}/{value_name.replace('__', '/')}"] = value
-    return parameters
+    """Return values of both costmaps."""
+    return {"local_costmap": values, "global_costmap": values}
 
 
 PLANTED = (
@@ -118,7 +113,7 @@ PLANTED = (
         "monitor holds",
         r"the collision monitor blocks .*obstacle",
         # The costmaps do not see the wall.
-        _of_costmaps(obstacles_layer__scan__obstacle_range=0.01),
+        _of_costmaps(obstacles_layer={"scan": {"obstacle_range": 0.01}}),
         circles=ACROSS,
         monitor=True,
     ),
@@ -138,20 +133,19 @@ PLANTED = (
             "oscillation_timeout": 1.5,
             "oscillation_distance": 20.0,
             "planner_frequency": 0.0,
-            f"{PLANNER}/max_vel_theta": 0.6,
-            f"{PLANNER}/min_vel_theta": -0.6,
+            PLANNER: {"max_vel_theta": 0.6, "min_vel_theta": -0.6},
         },
     ),
     PlantedStop(
         "goal tolerance",
         r"it does not come within xy_goal_tolerance 0\.01 ",
-        {f"{PLANNER}/xy_goal_tolerance": 0.01},
+        {PLANNER: {"xy_goal_tolerance": 0.01}},
         goal_pose=(2.0, 0.0, 1.5),
     ),
     PlantedStop(
         "inflation too large",
         r"leads closer to obstacles, which costs too much at occdist_scale",
-        _of_costmaps(inflater_layer__inflation_radius=2.0, inflater_layer__cost_scaling_factor=1.0),
+        _of_costmaps(inflater_layer={"inflation_radius": 2.0, "cost_scaling_factor": 1.0}),
         guesses=("inflation_radius", "cost_scaling_factor", "occdist_scale"),
         circles=FUNNEL,
         is_compared=True,
@@ -159,7 +153,7 @@ PLANTED = (
     PlantedStop(
         "sim_time too long",
         r"no command faster than .*sim_time 8",
-        {f"{PLANNER}/sim_time": 8.0},
+        {PLANNER: {"sim_time": 8.0}},
         guesses=("sim_time",),
         goal_pose=(6.0, 0.0, 0.0),
         is_compared=True,
@@ -167,7 +161,7 @@ PLANTED = (
     PlantedStop(
         "acc_lim too small",
         r"no command faster than|every faster command leads farther away from the plan",
-        {f"{PLANNER}/acc_lim_x": 0.003},
+        {PLANNER: {"acc_lim_x": 0.003}},
         guesses=("acc_lim_x",),
         is_compared=True,
     ),
@@ -254,44 +248,13 @@ class Watched:
         self._thread.join()
 
 
-class BoxBeside:
-    """Black box as a user starts it, with what it answered."""
-
-    def __init__(self, folder: Path):
-        self.answers: List[Tuple[float, Stop]] = []  # with the wall times at which they came [s]
-        self._subscriber = rospy.Subscriber("/black_box/answer", Stop, self._take)
-        self.node: Child = session().spawn(
-            sys.executable, "-m", "applr_ros1.nodes.black_box.node", f"_folder:={folder}"
-        )
-        self.node.until("ready beside")
-
-    def _take(self, message: Stop) -> None:
-        self.answers.append((time.time(), message))
-
-    def end(self) -> None:
-        self._subscriber.unregister()
-        self.node.end()
-
-
-def _tree(changes: Dict[str, Any]) -> Dict[str, Any]:
-    """Return the Jackal's parameters with changes {"a/b": value}."""
-    tree = copy.deepcopy(JACKAL_PARAMETERS)
-    for path, value in changes.items():
-        *branches, parameter_name = path.split("/")
-        branch = tree
-        for branch_name in branches:
-            branch = branch[branch_name]
-        branch[parameter_name] = value
-    return tree
-
-
 class Stack:
     """Jackal, move_base and perhaps the collision monitor, on the way to a planted stop."""
 
     def __init__(self, planted: PlantedStop, program: str):
         self.planted = planted
         self.jackal = FakeJackal(planted.circles)
-        rospy.set_param("/move_base", _tree(planted.parameters))
+        rospy.set_param("/move_base", merged(JACKAL_PARAMETERS, planted.parameters))
         rospy.set_param("/use_sim_time", False)
         self.nodes = []
         command = "cmd_vel"
@@ -332,7 +295,8 @@ class Stack:
 def row_of(planted: PlantedStop, name: str, folder: Path) -> Row:
     """Plant a stop, and return its row."""
     stack = Stack(planted, MOVE_BASES[name])
-    box = BoxBeside(folder)
+    box = Box(spawned(session(), folder), folder)
+    box.node.until("ready beside")
     watched = Watched(box.node.pid)
     stack.drive()
     _wait(lambda: re.search(r"black box: the robot ", box.node.text))
@@ -372,10 +336,8 @@ def row_of(planted: PlantedStop, name: str, folder: Path) -> Row:
         without_ms=None,
         load=round(os.getloadavg()[0], 1),
     )
-    if os.environ.get("SHOW"):
-        print(box.node.text)
     watched.end()
-    box.end()
+    box.node.end()
     stack.end()
     return row
 
@@ -387,11 +349,11 @@ def _wait(condition: Callable[[], Any]) -> None:
         time.sleep(0.05)
 
 
-def interval_without(planted: PlantedStop, name: str, seconds: float) -> Optional[float]:
+def interval_without(planted: PlantedStop, name: str) -> Optional[float]:
     """Return the 99 % interval of commands [ms] in a planted stop without a black box."""
     stack = Stack(planted, MOVE_BASES[name])
     stack.drive()
-    time.sleep(seconds)
+    time.sleep(10.0)
     begin = time.time()
     time.sleep(COMPARED_S)
     interval = stack.interval_ms(begin)
@@ -399,40 +361,19 @@ def interval_without(planted: PlantedStop, name: str, seconds: float) -> Optiona
     return interval and round(interval, 1)
 
 
-def write(path: Path, row: Row) -> None:
-    """Write a row into the table, in place of the same stop's."""
-    rows = {}
-    if path.exists():
-        with open(path, newline="", encoding="utf-8") as file:
-            for old_row in csv.reader(file):
-                rows[tuple(old_row[:2])] = old_row
-    rows[Row._fields[:2]] = list(Row._fields)
-    rows[row[:2]] = list(row)
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows.values())
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=RESULTS, help="table to write")
-    parser.add_argument("--stops", default="", help="names of stops, separated by commas")
-    parser.add_argument("--move-base", default=",".join(MOVE_BASES), help="the same of move_base")
-    parser.add_argument("--bags", type=Path, default=None, help="folder in which the bags stay")
-    arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory() as temporary_folder:
-        folder = arguments.bags or Path(temporary_folder)
-        session()
-        for name in arguments.move_base.split(","):
+def main() -> None:
+    session()
+    with tempfile.TemporaryDirectory() as folder, RESULTS.open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(Row._fields)
+        for name in MOVE_BASES:
             for planted in PLANTED:
-                if arguments.stops and planted.name not in arguments.stops.split(","):
-                    continue
-                row = row_of(planted, name, folder / f"{planted.name}, {name}")
+                row = row_of(planted, name, Path(folder) / f"{planted.name}, {name}")
                 if planted.is_compared:
-                    row = row._replace(without_ms=interval_without(planted, name, 10.0))
+                    row = row._replace(without_ms=interval_without(planted, name))
                 print(*row, sep=" | ", flush=True)
-                write(arguments.out, row)
-    return 0
+                table.writerow(row)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -183,10 +183,9 @@ def drive(arguments: argparse.Namespace, name: str, worlds: str, trials: int) ->
         protocol="barn-challenge",
         planner="cpp-like",
         monitor=True,
-        workers=arguments.workers,
         seed=arguments.seed,
         out=str(arguments.out / name),
-        traces=arguments.traces,
+        traces=0,
         report=False,
     )
     evaluate(options)
@@ -213,8 +212,6 @@ def main() -> None:
     parser.add_argument("--methods", default="applr")
     parser.add_argument("--trials", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=0)
-    parser.add_argument("--traces", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
     world_files: List[str] = []

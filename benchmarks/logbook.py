@@ -8,17 +8,14 @@ on.
 
 from __future__ import annotations
 
-import argparse
-import csv
-import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, List, NamedTuple, Optional, Sequence
 
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.why.outside import seen_from_outside
-from benchmarks.why import EQUAL_PARAMETERS, JUDGING, RESULTS, faults
+from benchmarks.why import EQUAL_PARAMETERS, JUDGING, RESULTS, append, begun, faults
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.bags import write
 from tests.support.drives import simulated
@@ -34,6 +31,9 @@ from training.workers.pool import Pool
 LIMIT_S = 40.0  # longest duration of a drive [s]
 STOP_S = 5.0  # shortest duration of a stop, as of the black box [s]
 WORLDS = 3  # number of worlds of a folder
+BAGS = 40  # number of bags of a folder
+WORKERS = 2  # processes that answer
+TABLE = RESULTS / "logbook.csv"
 FRESH_SEEDS = (1001, 1002, 1003, 1004)  # seeds with which stops are counted in each world
 # Pairs of spoilt values, as benchmarks.why spells its faults
 PAIRS = (
@@ -85,14 +85,12 @@ class LogbookAnswer(NamedTuple):
     candidate: Optional[Candidate]
 
 
-def stopping_bags(
-    folder: Path, robot: Robot, worlds: Sequence[int], count: int, first_seed: int
-) -> List[Path]:
+def stopping_bags(folder: Path, robot: Robot, worlds: Sequence[int], first_seed: int) -> List[Path]:
     """Write bags of drives in which the robot stops, world after world, and return them."""
     bag_paths: List[Path] = []
     seed = first_seed
     # A robot that hardly stops any more has fewer.
-    while len(bag_paths) < count and seed < first_seed + 3 * count:
+    while len(bag_paths) < BAGS and seed < first_seed + 3 * BAGS:
         world = worlds[seed % len(worlds)]
         drive = _driven(robot, world, seed)
         if _stop_count(drive, robot):
@@ -126,10 +124,10 @@ def fresh_stops(robot: Robot, worlds: Sequence[int]) -> int:
     return stop_count
 
 
-def asked(bag_paths: Sequence[Path], robot: Robot, workers: int) -> LogbookAnswer:
+def asked(bag_paths: Sequence[Path], robot: Robot) -> LogbookAnswer:
     """Return what the logbook of some bags says."""
     options = BagAnswerOptions(robot=robot)
-    with Pool(workers) as pool:
+    with Pool(WORKERS) as pool:
         logbook = logbook_of(bag_paths, options, pool, lambda calls, total, done: calls)
         change: Optional[CommonChange] = change_for(logbook, options, pool, lambda: None)
     print("\n".join(lines_of(logbook, change)), flush=True)
@@ -138,9 +136,8 @@ def asked(bag_paths: Sequence[Path], robot: Robot, workers: int) -> LogbookAnswe
     return LogbookAnswer(len(logbook.stops), logbook.lost, candidate)
 
 
-def folder_row(pair: Tuple[str, str], worlds: Sequence[int], count: int, workers: int) -> FolderRow:
+def folder_row(spoilt: Sequence[Candidate], worlds: Sequence[int]) -> FolderRow:
     """Return the row of a folder with stops of a robot with two spoilt values."""
-    spoilt = [fault for fault in faults(JACKAL) if str(fault) in pair]
     changes = [change for fault in spoilt for change in fault.changes]
     robot = with_changes(JACKAL, changes, "jackal")
     names = {name for fault in spoilt for name in fault.names}
@@ -148,19 +145,19 @@ def folder_row(pair: Tuple[str, str], worlds: Sequence[int], count: int, workers
         names |= set(EQUAL_PARAMETERS.get(name, ()))
     with tempfile.TemporaryDirectory() as folder:
         # The stops, and the logbook twice
-        stopping_bags(Path(folder), robot, worlds, count, first_seed=0)
+        stopping_bags(Path(folder), robot, worlds, first_seed=0)
         bag_paths = bags_in([folder])
         began = perf_counter()
-        first = asked(bag_paths, robot, workers)
+        first = asked(bag_paths, robot)
         answered = perf_counter()
-        asked(bag_paths, robot, workers)
+        asked(bag_paths, robot)
         answered_again = perf_counter()
     followed = _following(robot, first.candidate)
     second: Optional[LogbookAnswer] = None
     with tempfile.TemporaryDirectory() as folder:
         # New stops after the first advice
-        if stopping_bags(Path(folder), followed, worlds, count, first_seed=500):
-            second = asked(bags_in([folder]), followed, workers)
+        if stopping_bags(Path(folder), followed, worlds, first_seed=500):
+            second = asked(bags_in([folder]), followed)
     both_followed = _following(followed, second.candidate if second else None)
     return FolderRow(
         spoilt="; ".join(map(str, spoilt)),
@@ -185,42 +182,19 @@ def _following(robot: Robot, candidate: Optional[Candidate]) -> Robot:
     return with_changes(robot, candidate.changes, robot.name)
 
 
-def folders(count: int) -> Iterator[Tuple[Tuple[str, str], Sequence[int]]]:
-    """Yield pairs of spoilt values with the worlds of their folders."""
-    for number, pair in enumerate(PAIRS[:count]):
+def main() -> None:
+    """Append the rows of folders that the table lacks."""
+    known = [row["spoilt"] for row in begun(TABLE, FolderRow._fields)]
+    for number, pair in enumerate(PAIRS):
+        spoilt = [fault for fault in faults(JACKAL) if str(fault) in pair]
+        if "; ".join(map(str, spoilt)) in known:
+            continue
         first_world = WORLDS * number
         worlds = [JUDGING[(first_world + index) % len(JUDGING)] for index in range(WORLDS)]
-        yield pair, worlds
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Append the rows of folders that a table lacks."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folders", type=int, default=len(PAIRS))
-    parser.add_argument("--bags", type=int, default=40)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--table", type=Path, default=RESULTS / "logbook.csv")
-    options = parser.parse_args(arguments)
-    known = set()
-    if options.table.exists():
-        with options.table.open(newline="", encoding="utf-8") as table_file:
-            known = {row["spoilt"] for row in csv.DictReader(table_file)}
-    else:
-        _append(options.table, FolderRow._fields)
-    for pair, worlds in folders(options.folders):
-        spoilt = "; ".join(str(fault) for fault in faults(JACKAL) if str(fault) in pair)
-        if spoilt in known:
-            continue
-        row = folder_row(pair, worlds, options.bags, options.workers)
-        _append(options.table, row)
+        row = folder_row(spoilt, worlds)
+        append(TABLE, row)
         print(row, flush=True)
 
 
-def _append(path: Path, cells: Sequence[Any]) -> None:
-    """Append a line to a table."""
-    with path.open("a", newline="", encoding="utf-8") as table_file:
-        csv.writer(table_file, lineterminator="\n").writerow(cells)
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

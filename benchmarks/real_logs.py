@@ -103,7 +103,10 @@ def carmen(path):
 
 
 def breezy(path):
-    """Return the drive of a log of BreezySLAM: ticks of two wheels, and ranges in millimetres."""
+    """Return the drive of a log of BreezySLAM: ticks of two wheels, and ranges in millimetres.
+
+    With scans 0.15 s older than the ticks on their line, the matcher corrects the fewest turns.
+    """
     table = np.loadtxt(path)
     stamps = table[:, 0] / 1e6
     # As BreezySLAM counts: 2000 ticks per turn, wheels of 7.7 cm radius 33 cm apart.
@@ -118,7 +121,7 @@ def breezy(path):
     ranges = table[:, 24:] / 1000.0
     increment = math.radians(240.0 / 682.0)
     fan = (-increment * (ranges.shape[1] - 1) / 2, increment, 0.02, 4.0)
-    return drive_of(poses, list(zip(stamps, ranges)), fan)
+    return drive_of(poses, list(zip(stamps - 0.15, ranges)), fan)
 
 
 def row_of(path):

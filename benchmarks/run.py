@@ -259,9 +259,7 @@ def _drive(simulated, theta, seconds=SECONDS):
 
 
 def td3_updates():
-    """Measure gradient steps, half of them with a policy update, including the sampling of batches
-    (4-step returns).
-    """
+    """Measure gradient steps, half of them with a policy update, and the sampling of batches."""
     from training.env.trajectory import TransitionLayout
     from training.train.learner.config import LearnerOptions
     from training.train.learner.learner import draw_batch

@@ -9,24 +9,27 @@ docs/results/advice.csv counts them.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import sys
 from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+import pandas as pd
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Drive
 from applr_ros1.drives.outcome import Outcome
+from applr_ros1.planner.parameters.layers import INFLATION_LAYER, layers
+from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
-from applr_ros1.robots.geometry import bounding_box
+from applr_ros1.robots.geometry import box_outline
 from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.fitting import Fittable, plans_of
@@ -35,8 +38,9 @@ from applr_ros1.why.replay import replay_of
 from applr_ros1.why.rerun import RerunPlanner
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
-from training.attempts.candidates import Candidate, candidates_of, with_changes
+from training.attempts.candidates import Candidate, with_changes
 from training.attempts.trials import RANDOM
+from training.attempts.usual_values import COSTMAPS
 from training.why import __main__ as why
 from training.why.driven import with_trials
 from training.why.recorded import recording_of
@@ -44,6 +48,7 @@ from training.why.remedies import driven_trials, possible_guesses
 from training.workers.pool import Pool
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
+PLANTED = RESULTS / "planted.csv"
 # A fault counts if the drive takes this much longer than the sound one, or fails.
 SLOWER = 1.5
 LIMIT_S = 60.0
@@ -55,26 +60,14 @@ HARMED = 1.1
 # Worlds of the table. Rules and sizes of faults were chosen with others.
 JUDGING = (9, 14, 31, 38, 52, 69, 83, 97, 112, 126, 143, 158)
 ROBOTS = ("jackal", "turtlebot3_burger", "husky", "turtlebot3_waffle_pi")
-# Largest number of drives per fault, so that no parameter counts much more than another
+# Number of planted drives that count, and the largest one per fault, so that no parameter counts
+# much more than another
+DRIVES = 64
 DRIVES_PER_FAULT = 4
 # One sound drive for this many turns through the robots: it shows what is advised without a fault.
 SOUND_EVERY = 5
 TRAJECTORY = "TrajectoryPlannerROS"
 DWA = "DWAPlannerROS"
-# Columns of docs/results/advice.csv, in the order of `_summary`
-COUNTED = (
-    "robot",
-    "drives",
-    "parameters",
-    "advised",
-    "helps",
-    "harms",
-    "named",
-    "random helps",
-    "random harms",
-    "undone helps",
-)
-COSTMAPS = ("local_costmap", "global_costmap")
 # Parameters that the page of the C++ planner makes equals of each other: advice that names one of
 # them is as good as advice that names the spoilt one.
 EQUAL_PARAMETERS = {
@@ -158,116 +151,50 @@ class Planted(NamedTuple):
     answered: Any = ""
     answer: str = ""
 
-    @property
-    def counts(self) -> bool:
-        """True if the fault changes the drive."""
-        return self.advised != ""
-
-    @property
-    def ratio(self) -> float:
-        """Ratio of the mean times after and before."""
-        return float(self.after) / float(self.before)
-
 
 # -- faults ----------------------------------------------------------------------------------------
 def faults(robot: Robot) -> List[Candidate]:
-    """Return the faults that are planted in a robot."""
+    """Return the faults that are planted in a robot: in values of its planner, and of its files."""
     planner = robot.local_planner
-    planted_faults = []
-    for spoilt_values in PLANNER_FAULTS[planner]:
-        changes = []
-        for parameter_name, spoilt_value in spoilt_values.items():
-            changes.append(Change(planner, parameter_name, None, spoilt_value))
-        planted_faults.append(_fault(changes))
-    return planted_faults + faults_of_files(robot)
-
-
-def faults_of_files(robot: Robot) -> List[Candidate]:
-    """Return faults of values that stand in files, in both costmaps where they have them."""
     tree = robot.all_parameters()
     scale = robot.world_scale
-    outline = bounding_box(robot)
-    corners = (
-        (outline.back, outline.right),
-        (outline.back, outline.left),
-        (outline.front, outline.left),
-        (outline.front, outline.right),
-    )
-    doubled_footprint = [[2.0 * x, 2.0 * y] for x, y in corners]
-    planted_faults = []
-
-    # The robot takes itself for larger than it is.
-    planted_faults.append(_fault_in(COSTMAPS, "footprint", str(doubled_footprint)))
-    planted_faults.append(_fault_in(COSTMAPS, "footprint_padding", 0.3 * scale))
-
-    # The inflation reaches too far, or its cost falls too slowly.
-    for parameter_name, spoilt_value in (
-        ("inflation_radius", 3.0 * scale),
-        ("cost_scaling_factor", 0.3),
-    ):
-        layer_paths = []
-        for costmap in COSTMAPS:
-            layer_paths += _layers_with(tree, costmap, parameter_name)
-        planted_faults.append(_fault_in(layer_paths, parameter_name, spoilt_value))
-
-    # The costmaps hear only of obstacles that are close.
-    source_paths = []
+    doubled_footprint = [[2.0 * x, 2.0 * y] for x, y in box_outline(robot)]
+    inflations = []
     for costmap in COSTMAPS:
-        source_paths += _sources_of(tree, costmap)
-    planted_faults.append(_fault_in(source_paths, "obstacle_range", 0.4 * scale))
-    planted_faults.append(_fault_in(source_paths, "raytrace_range", 0.4 * scale))
-
-    planted_faults.append(_fault_in([""], "controller_frequency", 2.0))
-
-    # The local costmap ends before the trajectories do.
+        for layer in layers(costmap, tree[costmap], INFLATION_LAYER):
+            inflations.append(layer.path)
+    sources = [source.path for source in laser_sources(tree)]
     window_size = 1.5 * scale
-    window_sides = ("width", "height")
-    planted_faults.append(
-        _fault(
-            [Change("local_costmap", side_name, None, window_size) for side_name in window_sides]
-        )
-    )
-    return planted_faults
+    spoilt: List[Tuple[Sequence[str], Dict[str, Any]]] = [
+        *(([planner], values) for values in PLANNER_FAULTS[planner]),
+        # The robot takes itself for larger than it is.
+        (COSTMAPS, {"footprint": str(doubled_footprint)}),
+        (COSTMAPS, {"footprint_padding": 0.3 * scale}),
+        # The inflation reaches too far, or its cost falls too slowly.
+        (inflations, {"inflation_radius": 3.0 * scale}),
+        (inflations, {"cost_scaling_factor": 0.3}),
+        # The costmaps hear only of obstacles that are close.
+        (sources, {"obstacle_range": 0.4 * scale}),
+        (sources, {"raytrace_range": 0.4 * scale}),
+        ([""], {"controller_frequency": 2.0}),
+        # The local costmap ends before the trajectories do.
+        (["local_costmap"], {"width": window_size, "height": window_size}),
+    ]
+    return [_fault(servers, values) for servers, values in spoilt]
 
 
-def _fault_in(servers: Sequence[str], parameter_name: str, spoilt_value: Any) -> Candidate:
-    """Return the fault that spoils the same parameter below several servers."""
-    return _fault([Change(server, parameter_name, None, spoilt_value) for server in servers])
-
-
-def _fault(changes: Sequence[Change]) -> Candidate:
-    # A parameter of both costmaps is written once.
-    spoilt_values = {change.name: change.after for change in changes}
-    phrases = [f"{name} {spoilt_value}" for name, spoilt_value in spoilt_values.items()]
+def _fault(servers: Sequence[str], values: Dict[str, Any]) -> Candidate:
+    """Return the fault that spoils the same parameters below several servers."""
+    changes = []
+    for server in servers:
+        for name, value in values.items():
+            changes.append(Change(server, name, None, value))
+    phrases = [f"{name} {value}" for name, value in values.items()]
     return Candidate(tuple(changes), ", ".join(phrases))
 
 
-def _layers_with(tree: Dict[str, Any], costmap: str, name: str) -> List[str]:
-    """Return the paths of a costmap's layers that have a parameter."""
-    layer_paths = []
-    for layer_name, section in tree[costmap].items():
-        if isinstance(section, dict) and name in section:
-            layer_paths.append(f"{costmap}/{layer_name}")
-    return layer_paths
-
-
-def _sources_of(tree: Dict[str, Any], path: str) -> List[str]:
-    """Return the paths of the observation sources below a costmap."""
-    section: Any = tree
-    for section_name in path.split("/"):
-        section = section[section_name]
-    source_paths = []
-    # costmap_2d lets a source have any name: its parameters tell it from a layer.
-    if "sensor_frame" in section or "marking" in section:
-        source_paths.append(path)
-    for parameter_name, parameter_value in section.items():
-        if isinstance(parameter_value, dict):
-            source_paths += _sources_of(tree, f"{path}/{parameter_name}")
-    return source_paths
-
-
 def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
-    """Return half or twice one value of the planner, or a change of the files."""
+    """Return half or twice one value of the planner."""
     server = robot.local_planner
     values = robot.all_parameters()[server]
     scalable_names = []
@@ -279,9 +206,7 @@ def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
     chosen_name = scalable_names[int(rng.integers(len(scalable_names)))]
     earlier_value = values[chosen_name]
     scaled_value = earlier_value * float(rng.choice([0.5, 2.0]))
-    change = Change(server, chosen_name, earlier_value, scaled_value)
-    candidates = [Candidate((change,)), *candidates_of(robot).unusual]
-    return candidates[int(rng.integers(min(2, len(candidates))))]
+    return Candidate((Change(server, chosen_name, earlier_value, scaled_value),))
 
 
 # -- drives ----------------------------------------------------------------------------------------
@@ -314,117 +239,115 @@ class RecordedDrive(NamedTuple):
     seconds: float
 
 
-class Bench:
-    """Drives and judges, and remembers what sound robots do."""
+@lru_cache(maxsize=None)
+def usual(name: str, world: int) -> float:
+    """Return the time of the sound drive [s]; LIMIT_S if it fails."""
+    return recorded(load(name), world).seconds
 
-    def __init__(self) -> None:
-        self._usual: Dict[Tuple[str, int], float] = {}
-        self._sound: Dict[Tuple[str, int], float] = {}
 
-    def usual(self, name: str, world: int) -> float:
-        """Return the time of the sound drive [s]; LIMIT_S if it fails."""
-        if (name, world) not in self._usual:
-            self._usual[name, world] = self._recorded(load(name), world).seconds
-        return self._usual[name, world]
+@lru_cache(maxsize=None)
+def sound_mean(name: str, world: int) -> float:
+    """Return mean_time() of the sound robot."""
+    return mean_time(load(name), world)
 
-    def judged(self, name: str, world: int, fault: Optional[Candidate]) -> Planted:
-        """Return the row of one fault, or of the sound robot."""
-        sound_robot = load(name)
-        usual_time = self.usual(name, world)
-        robot = sound_robot
-        table_row = Planted(
-            robot=name,
-            world=world,
-            fault="",
-            parameters="",
-            usual=usual_time,
-            recorded=usual_time,
-        )
-        if fault is not None:
-            robot = with_changes(sound_robot, fault.changes, f"{name} with a fault")
-            table_row = table_row._replace(fault=str(fault), parameters="+".join(fault.names))
-        try:
-            recording = self._recorded(robot, world)
-        except ApplrError as error:  # move_base refuses the value.
-            return table_row._replace(answer=str(error))
-        table_row = table_row._replace(recorded=recording.seconds)
-        # Nobody would ask about a drive that the fault hardly changes.
-        if fault is not None and recording.seconds < SLOWER * usual_time:
-            return table_row
-        return self._answered(table_row, robot, recording.drive, fault)
 
-    def _recorded(self, robot: Robot, world: int) -> RecordedDrive:
-        drive, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
-        return RecordedDrive(drive, round(_counted_time(outcome), 2))
+def judged(name: str, world: int, fault: Optional[Candidate]) -> Planted:
+    """Return the row of one fault, or of the sound robot."""
+    sound_robot = load(name)
+    usual_time = usual(name, world)
+    robot = sound_robot
+    table_row = Planted(
+        robot=name,
+        world=world,
+        fault="",
+        parameters="",
+        usual=usual_time,
+        recorded=usual_time,
+    )
+    if fault is not None:
+        robot = with_changes(sound_robot, fault.changes, f"{name} with a fault")
+        table_row = table_row._replace(fault=str(fault), parameters="+".join(fault.names))
+    try:
+        recording = recorded(robot, world)
+    except ApplrError as error:  # move_base refuses the value.
+        return table_row._replace(answer=str(error))
+    table_row = table_row._replace(recorded=recording.seconds)
+    # Nobody would ask about a drive that the fault hardly changes.
+    if fault is not None and recording.seconds < SLOWER * usual_time:
+        return table_row
+    return _answered(table_row, robot, recording.drive, fault)
 
-    def _answered(
-        self, table_row: Planted, robot: Robot, drive: Drive, fault: Optional[Candidate]
-    ) -> Planted:
-        """Return the row with the answer to a drive, and with the drives that follow its advice."""
-        began = process_time()
-        planner = RerunPlanner(robot)
+
+def recorded(robot: Robot, world: int) -> RecordedDrive:
+    """Return a drive with the seed of the recorded drives."""
+    drive, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
+    return RecordedDrive(drive, round(_counted_time(outcome), 2))
+
+
+def _answered(
+    table_row: Planted, robot: Robot, drive: Drive, fault: Optional[Candidate]
+) -> Planted:
+    """Return the row with the answer to a drive, and with the drives that follow its advice."""
+    began = process_time()
+    planner = RerunPlanner(robot)
+    trials = None
+    guess: Sequence[Change] = ()
+    answer_in_words = "no command has a plan"
+    replay = None
+    # Without a cycle the planner never had a path, and the command says so.
+    with suppress(ApplrError):
         # The simulated drive has plans in the frame of the odometry alone: there is no tf.
         in_odometry = replace(drive, frames={"routes": [drive.frame]})
         columns = in_odometry.require(Fittable)
         plans = plans_of(in_odometry, columns.planned, columns.odometry, None, planner)
-        drive = replace(drive, plans=plans)
-        trials = None
-        guess: Sequence[Change] = ()
-        answer_in_words = "no command has a plan"
-        replay = None
-        # Without a cycle the planner never had a path, and the command says so.
-        with suppress(ApplrError):
-            replay = replay_of(Recording.of(drive, robot), planner)
-        if replay is not None:
-            diagnosis = diagnose(replay)
-            with Pool(0) as pool:
-                guesses = possible_guesses(diagnosis)
-                trials = driven_trials(diagnosis, guesses, pool)
-            answer = with_trials(answer_of(diagnosis, guesses), trials)
-            guess = answer.guess
-            answer_in_words = " | ".join(answer.lines[:3])
-        answer_time = process_time() - began
+        replay = replay_of(Recording.of(replace(drive, plans=plans), robot), planner)
+    if replay is not None:
+        diagnosis = diagnose(replay)
+        with Pool(0) as pool:
+            guesses = possible_guesses(diagnosis)
+            trials = driven_trials(diagnosis, guesses, pool)
+        answer = with_trials(answer_of(diagnosis, guesses), trials)
+        guess = answer.guess
+        answer_in_words = " | ".join(answer.lines[:3])
+    answer_time = process_time() - began
 
-        # Follow the advice. Without a change to follow, the answer may still name a parameter.
-        time_before = mean_time(robot, table_row.world)
-        time_after = time_before
-        remedy = trials.remedy if trials else None
-        if remedy is not None:
-            named_parameters = remedy.candidate.names
-            remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
-            time_after = mean_time(remedied_robot, table_row.world)
-        else:
-            named_parameters = [change.name for change in guess[:1]]
+    # Follow the advice. Without a change to follow, the answer may still name a parameter.
+    time_before = mean_time(robot, table_row.world)
+    time_after = time_before
+    remedy = trials.remedy if trials else None
+    if remedy is not None:
+        named_parameters = remedy.candidate.names
+        remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
+        time_after = mean_time(remedied_robot, table_row.world)
+    else:
+        named_parameters = [change.name for change in guess[:1]]
 
-        # Judge it.
-        spoilt_parameters = set(fault.names) if fault else set()
-        for parameter_name in list(spoilt_parameters):
-            spoilt_parameters |= set(EQUAL_PARAMETERS.get(parameter_name, ()))
-        table_row = table_row._replace(
-            advised=int(remedy is not None),
-            named=int(bool(spoilt_parameters & set(named_parameters))),
-            before=time_before,
-            after=time_after,
-            random=time_before,
-            undone=time_before,
-            answered=round(answer_time, 1),
-            answer=answer_in_words,
-        )
-        if fault is None:
-            return table_row
+    # Judge it.
+    spoilt_parameters = set(fault.names) if fault else set()
+    for parameter_name in list(spoilt_parameters):
+        spoilt_parameters |= set(EQUAL_PARAMETERS.get(parameter_name, ()))
+    table_row = table_row._replace(
+        advised=int(remedy is not None),
+        named=int(bool(spoilt_parameters & set(named_parameters))),
+        before=time_before,
+        after=time_after,
+        random=time_before,
+        undone=time_before,
+        answered=round(answer_time, 1),
+        answer=answer_in_words,
+    )
+    if fault is None:
+        return table_row
 
-        # Compare with a random change, and with the fault undone.
-        # Seeded by the row, so that a table that goes on has the same changes as one in a piece.
-        rng = np.random.default_rng([table_row.world, *table_row.fault.encode()])
-        random_change = _random_change(robot, rng)
-        randomly_changed = with_changes(robot, random_change.changes, "random")
-        world_of_robot = (table_row.robot, table_row.world)
-        if world_of_robot not in self._sound:
-            self._sound[world_of_robot] = mean_time(load(table_row.robot), table_row.world)
-        return table_row._replace(
-            random=mean_time(randomly_changed, table_row.world),
-            undone=self._sound[world_of_robot],
-        )
+    # Compare with a random change, and with the fault undone.
+    # Seeded by the row, so that a table that goes on has the same changes as one in a piece.
+    rng = np.random.default_rng([table_row.world, *table_row.fault.encode()])
+    random_change = _random_change(robot, rng)
+    randomly_changed = with_changes(robot, random_change.changes, "random")
+    return table_row._replace(
+        random=mean_time(randomly_changed, table_row.world),
+        undone=sound_mean(table_row.robot, table_row.world),
+    )
 
 
 def reproduced(path: str) -> None:
@@ -442,149 +365,104 @@ def reproduced(path: str) -> None:
 
 
 # -- table -----------------------------------------------------------------------------------------
-def attempts(
-    worlds: Sequence[int], robots: Sequence[str]
-) -> Iterator[Tuple[str, int, Optional[Candidate]]]:
+def attempts() -> Iterator[Tuple[str, int, Optional[Candidate]]]:
     """Yield robots, worlds and faults in an order that spreads all three evenly."""
     shuffled_faults = {}
-    for robot_index, robot_name in enumerate(robots):
+    for robot_index, robot_name in enumerate(ROBOTS):
         rng = np.random.default_rng(robot_index)
         robot_faults = faults(load(robot_name))
         fault_order = rng.permutation(len(robot_faults))
         shuffled_faults[robot_name] = [robot_faults[fault_index] for fault_index in fault_order]
     most_faults = max(map(len, shuffled_faults.values()))
-    for turn in range(most_faults * len(worlds)):
-        for robot_name in robots:
+    for turn in range(most_faults * len(JUDGING)):
+        for robot_name in ROBOTS:
             robot_faults = shuffled_faults[robot_name]
             fault = robot_faults[turn % len(robot_faults)]
             # Another world for each fault, and for each turn through all of them.
-            world = worlds[(turn + turn // len(robot_faults)) % len(worlds)]
+            world = JUDGING[(turn + turn // len(robot_faults)) % len(JUDGING)]
             yield robot_name, world, fault
         if turn % SOUND_EVERY == 0:
             sound_index = turn // SOUND_EVERY
-            yield robots[sound_index % len(robots)], worlds[sound_index % len(worlds)], None
+            yield ROBOTS[sound_index % len(ROBOTS)], JUDGING[sound_index % len(JUDGING)], None
 
 
-def stored(path: Path) -> List[Planted]:
-    """Return the rows of a table; none if there is no table yet."""
+def begun(path: Path, fields: Sequence[str]) -> List[Dict[str, str]]:
+    """Return the rows of a table that goes on, or begin it."""
     if not path.exists():
-        return []
-    table_rows = []
+        append(path, fields)
     with path.open(newline="", encoding="utf-8") as table_file:
-        for texts in csv.DictReader(table_file):
-            fields: Dict[str, Any] = dict(texts)
-            fields["world"] = int(fields["world"])
-            for time_field in ("usual", "recorded"):
-                fields[time_field] = float(fields[time_field])
-            for flag_field in ("advised", "named"):
-                # "" stands for a drive about which nobody asked.
-                if fields[flag_field]:
-                    fields[flag_field] = int(fields[flag_field])
-            table_rows.append(Planted(**fields))
-    return table_rows
+        return list(csv.DictReader(table_file))
 
 
-def all_planted(worlds: Sequence[int], robots: Sequence[str], count: int, path: Path) -> None:
-    """Append rows to a table until it has a number of drives with a fault that changes them."""
-    table_rows = stored(path)
-    known_drives = {(table_row.robot, table_row.world, table_row.fault) for table_row in table_rows}
-    if not path.exists():
-        _append(path, Planted._fields)
-    bench = Bench()
-    # Folders of other robots follow, so that those of the table have the same faults as without.
-    all_robots = list(dict.fromkeys([*ROBOTS, *robots]))
-    for robot_name, world, fault in attempts(worlds, all_robots):
-        planted_drives = Counter(row.fault for row in table_rows if row.counts and row.fault)
-        planted_count = sum(planted_drives.values())
-        if planted_count >= count:
+def all_planted() -> None:
+    """Append rows to the table until it has DRIVES with a fault that changes them."""
+    table_rows = begun(PLANTED, Planted._fields)
+    known_drives = {(row["robot"], row["world"], row["fault"]) for row in table_rows}
+    # Nobody asks about a drive that its fault hardly changes: it does not count.
+    counted = Counter(row["fault"] for row in table_rows if row["fault"] and row["advised"])
+    for robot_name, world, fault in attempts():
+        if sum(counted.values()) >= DRIVES:
             break
-        fault_words = str(fault) if fault is not None else ""
-        if robot_name not in robots or (robot_name, world, fault_words) in known_drives:
+        fault_words = str(fault or "")
+        if (robot_name, str(world), fault_words) in known_drives:
             continue
-        if planted_drives[fault_words] >= DRIVES_PER_FAULT:
+        if counted[fault_words] >= DRIVES_PER_FAULT:
             continue
         # Where the sound robot fails, a failure says nothing about the fault.
-        if bench.usual(robot_name, world) >= LIMIT_S:
+        if usual(robot_name, world) >= LIMIT_S:
             continue
         began = perf_counter()
-        table_row = bench.judged(robot_name, world, fault)
-        table_rows.append(table_row)
-        known_drives.add((robot_name, world, fault_words))
+        table_row = judged(robot_name, world, fault)
+        known_drives.add((robot_name, str(world), fault_words))
+        if fault is not None and table_row.advised != "":
+            counted[fault_words] += 1
         # Written at once, because the next call goes on where this one is interrupted.
-        _append(path, table_row)
-        print(f"{planted_count} {perf_counter() - began:.0f} s: {table_row}", flush=True)
-    table(table_rows)
+        append(PLANTED, table_row)
+        print(f"{perf_counter() - began:.0f} s: {table_row}", flush=True)
 
 
-def _append(path: Path, cells: Sequence[Any]) -> None:
+def append(path: Path, cells: Sequence[Any]) -> None:
     """Append a line to a table."""
     with path.open("a", newline="", encoding="utf-8") as table_file:
         csv.writer(table_file, lineterminator="\n").writerow(cells)
 
 
-def table(rows: Sequence[Planted]) -> None:
-    """Write docs/results/advice.csv: what the rows count."""
-    counted_rows = [row for row in rows if row.counts]
-    planted_rows = [row for row in counted_rows if row.fault]
-    sound_rows = [row for row in counted_rows if not row.fault]
-    advice_file = RESULTS / "advice.csv"
-    with advice_file.open("w", newline="", encoding="utf-8") as table_file:
-        writer = csv.writer(table_file, lineterminator="\n")
-        writer.writerow(COUNTED)
-        for robot_name in dict.fromkeys(row.robot for row in planted_rows):
-            robot_rows = [row for row in planted_rows if row.robot == robot_name]
-            writer.writerow(_summary(robot_name, robot_rows))
-        writer.writerow(_summary("all", planted_rows))
-        writer.writerow(_summary("all, without a fault", sound_rows))
-    print(advice_file.read_text(encoding="utf-8"))
+def write_advice() -> None:
+    """Write docs/results/advice.csv: what the rows of planted.csv count."""
+    rows = pd.read_csv(PLANTED).dropna(subset=["advised"])
+    planted = rows[rows.fault.notna()]
+    lines = [_summary(name, planted[planted.robot == name]) for name in planted.robot.unique()]
+    lines.append(_summary("all", planted))
+    lines.append(_summary("all, without a fault", rows[rows.fault.isna()]))
+    pd.DataFrame(lines).to_csv(RESULTS / "advice.csv", index=False)
 
 
-def _summary(name: str, rows: Sequence[Planted]) -> List[Any]:
+def _summary(name: str, rows: pd.DataFrame) -> Dict[str, Any]:
     """Return a line of the table."""
-    parameters = set()
-    advised_ratios = []
-    random_ratios = []
-    named_count = 0
-    helped_if_undone = 0
-    for table_row in rows:
-        parameters.update(table_row.parameters.split("+"))
-        if table_row.advised:
-            advised_ratios.append(table_row.ratio)
-        random_ratios.append(float(table_row.random) / float(table_row.before))
-        named_count += table_row.named
-        helped_if_undone += float(table_row.undone) <= HELPED * float(table_row.before)
-    # A sound drive has no spoilt parameter.
-    parameters.discard("")
-    return [
-        name,
-        len(rows),
-        len(parameters),
-        len(advised_ratios),
-        sum(ratio <= HELPED for ratio in advised_ratios),
-        sum(ratio >= HARMED for ratio in advised_ratios),
-        named_count,
-        sum(ratio <= HELPED for ratio in random_ratios),
-        sum(ratio >= HARMED for ratio in random_ratios),
-        helped_if_undone,
-    ]
+    advised = rows[rows.advised == 1]
+    return {
+        "robot": name,
+        "drives": len(rows),
+        "parameters": rows.parameters.str.split("+").explode().nunique(),
+        "advised": len(advised),
+        "helps": sum(advised.after <= HELPED * advised.before),
+        "harms": sum(advised.after >= HARMED * advised.before),
+        "named": int(rows.named.sum()),
+        "random helps": sum(rows.random <= HELPED * rows.before),
+        "random harms": sum(rows.random >= HARMED * rows.before),
+        "undone helps": sum(rows.undone <= HELPED * rows.before),
+    }
 
 
-def main(arguments: Sequence[str]) -> None:
+def main() -> None:
     """Print the shares of bags, or plant faults."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("bags", nargs="*")
-    parser.add_argument(
-        "--drives", type=int, default=60, help="planted drives that change the drive"
-    )
-    parser.add_argument("--robots", nargs="*", default=list(ROBOTS))
-    parser.add_argument("--worlds", type=int, nargs="*", default=list(JUDGING))
-    parser.add_argument("--table", type=Path, default=RESULTS / "planted.csv")
-    options = parser.parse_args(arguments)
-    for bag_path in options.bags:
+    bags = sys.argv[1:]
+    for bag_path in bags:
         reproduced(bag_path)
-    if not options.bags:
-        all_planted(options.worlds, options.robots, options.drives, options.table)
+    if not bags:
+        all_planted()
+        write_advice()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

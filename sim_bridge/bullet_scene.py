@@ -29,6 +29,17 @@ OBSTACLE_TOP_M = 1.0  # height of all obstacles, above every laser [m]
 _COMPOUND_SHAPES = 16  # largest number of shapes that createCollisionShapeArray keeps in one body
 _STDOUT, _STDERR = 1, 2  # file descriptors
 _UPRIGHT = (0, 0, 0, 1)  # quaternion of no rotation
+# Functions that are called in every step
+_OFTEN_CALLED = (
+    "applyExternalForce",
+    "applyExternalTorque",
+    "getBasePositionAndOrientation",
+    "getBaseVelocity",
+    "getContactPoints",
+    "resetBasePositionAndOrientation",
+    "setJointMotorControlArray",
+    "stepSimulation",
+)
 GROUND = 0  # Bullet's id of the ground, the first body
 _BASE = -1  # Bullet's index of a body's base, which is not a link
 
@@ -55,7 +66,11 @@ def connect() -> Any:
             os.dup2(null_device, descriptor)
         from pybullet_utils.bullet_client import BulletClient
 
-        return BulletClient(sys.modules["pybullet"].DIRECT)
+        client = BulletClient(sys.modules["pybullet"].DIRECT)
+        # The client makes a new function object at every access: keep those that are used often.
+        for name in _OFTEN_CALLED:
+            setattr(client, name, getattr(client, name))
+        return client
     finally:
         ctypes.CDLL(None).fflush(None)  # The lines may still be in C's buffer of stdout.
         for descriptor, saved_descriptor in saved_descriptors.items():

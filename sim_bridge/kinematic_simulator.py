@@ -10,17 +10,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, ceil, cos, hypot, inf, sin
-from typing import Any, NamedTuple, Optional, Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
-from applr_ros1.robots import Robot
 
 from . import wheels
-from .mechanics import STEP, mechanics
+from .mechanics import STEP
 from .records import Records, record, record_type
 from .simulator import SOON_S, Simulator
 from .wheels import Vector, Vehicle
@@ -82,13 +81,7 @@ class KinematicSimulator(Simulator):
 
     Attributes:
         body: Record (1,) of the present BodyState.
-        vehicle: Record (1,) of the present Vehicle: its ground, controller and wheels.
     """
-
-    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
-        super().__init__(robot, **randomisation)
-        self._mechanics = mechanics(self.robot)
-        self._table = wheels.rim_table(self.robot)
 
     def _place(self, pose: Pose, new_world: bool) -> None:
         # The arrays of a world are made once, and all drives in it share them.
@@ -99,9 +92,7 @@ class KinematicSimulator(Simulator):
         self._move_to(pose)
 
     def _move_to(self, pose: Pose) -> None:
-        constants = self._mechanics.constants
-        self.vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
-        self._supports = self._mechanics.supports.copy()
+        self._reset_wheels()
         x, y = transform_point(pose, *self._mechanics.com)
         self.body = record(BodyState(x, y, pose[2]))
 
@@ -141,8 +132,8 @@ class KinematicSimulator(Simulator):
         if not self.world.movers:
             return self._circles
         start = self._steps * STEP
-        circles = self.world.mover_circles(start)
-        later_circles = self.world.mover_circles(start + duration)
+        circles = self.passers_by.circles(start)
+        later_circles = self.passers_by.circles(start + duration)
         velocity = (later_circles - circles)[:, :2] / duration
         # An obstacle that starts its animation again pushes nothing on the way.
         velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0

@@ -160,7 +160,6 @@ def mechanics(robot: Robot) -> Mechanics:
     # The parts move relative to the centre of mass, and keep their sizes.
     com_x, com_y = com
     parts = np.array(geometry.parts(robot)) - np.array([com_x, com_y, 0.0, 0.0])
-    back, front, right, left = geometry.bounding_box(robot)
     keep_wheel = exp(-STEP / simulation.wheel_time)
     keep_grip = exp(-STEP / simulation.grip_time)
     constants = Constants(
@@ -175,7 +174,7 @@ def mechanics(robot: Robot) -> Mechanics:
         track=base.track,
         wheel_radius=base.wheel_radius,
         wheel_width=base.wheel_width,
-        reach=hypot(max(front, -back), max(left, -right)) + hypot(*com),
+        reach=geometry.radius(robot) + hypot(*com),
         lever_x=levers[0],
         lever_y=levers[1],
         max_speed=base.max_speed,
@@ -205,9 +204,7 @@ def mechanics(robot: Robot) -> Mechanics:
     )
 
 
-def _supports(
-    robot: Robot, com: Tuple[float, float], loads: np.ndarray
-) -> Tuple[Records, List[float]]:
+def _supports(robot: Robot, com: Tuple[float, float], loads: Array) -> Tuple[Records, List[float]]:
     """Return the records of the supports, and the levers of the load transfer along x and y.
 
     Args:

@@ -19,7 +19,7 @@ from applr_ros1.robots import Robot
 
 from . import bullet_scene as scene
 from . import wheels
-from .mechanics import STEP, mechanics
+from .mechanics import STEP
 from .records import Records
 from .simulator import Simulator
 from .wheels import Vector, Vehicle
@@ -27,6 +27,8 @@ from .wheels import Vector, Vehicle
 BodyPlacement = Tuple[Vector, Quaternion]  # position [m] and attitude of the body's centre of mass
 BodyMotion = Tuple[Vector, Vector]  # velocity [m/s] and angular velocity [rad/s] in the world frame
 _CLOSING_M_S = 20.0  # largest closing speed of a moving obstacle and the robot [m/s]
+# Multiple of its largest speed that no base reaches unless something pushes it, which is near then
+_OVERSPEED = 1.5
 # Distance above which two bodies have no contact, Bullet's margin and penetration included [m]
 _MARGIN_M = 0.1
 # Indices of the other body and of the normal force in a contact point of Bullet
@@ -40,8 +42,6 @@ class PybulletSimulator(Simulator):
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         super().__init__(robot, **randomisation)
         self._client = scene.connect()
-        self._mechanics = mechanics(self.robot)
-        self._table = wheels.rim_table(self.robot)
         self._reach = self._mechanics.constants.reach + _MARGIN_M
         # Smallest change of the rim speeds that is passed to Bullet [m/s]: the call is slow.
         self._spin_step = 0.01 * self.robot.base.max_speed
@@ -55,7 +55,7 @@ class PybulletSimulator(Simulator):
         # change of position.
         scene.empty(self._client, STEP)
         self._circles = scene.build_obstacles(self._client, self.world)
-        self._movers = scene.build_movers(self._client, self.world.mover_circles(0.0))
+        self._movers = scene.build_movers(self._client, self.passers_by.circles(0.0))
         self._body = scene.build_robot(self._client, self.robot, pose)
         self._stop_wheels()
 
@@ -64,32 +64,29 @@ class PybulletSimulator(Simulator):
         self._stop_wheels()
 
     def _stop_wheels(self) -> None:
-        constants = self._mechanics.constants
-        self._vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
-        self._supports = self._mechanics.supports.copy()
+        self._reset_wheels()
         self._spin((0.0, 0.0))
 
     def _drive(self, steps: int) -> None:
         """Simulate some steps of STEP, and store the state after them."""
         client = self._client
         body = self._body
-        # The client makes a new function object at every access, so each is looked up only once.
         placement_of = client.getBasePositionAndOrientation
         motion_of = client.getBaseVelocity
-        apply_force = client.applyExternalForce
-        apply_torque = client.applyExternalTorque
-        step = client.stepSimulation
         world_frame = client.WORLD_FRAME
         noise = self._noise.standard_normal((steps, wheels.noises(self._supports)))
 
         placement = placement_of(body)
         motion = motion_of(body)
         near_movers = self._place_movers(steps, placement[0])
+        x, y, _ = placement[0]
+        reach = self._reach + _OVERSPEED * self.robot.base.max_speed * steps * STEP
+        may_touch = bool(near_movers) or _is_near(self._circles, x, y, reach)
         has_touched = False
         rolled = 0.0
         for step_noise in noise:
             force, torque, point, rims = _pull(
-                self._vehicle,
+                self.vehicle,
                 self._supports,
                 self._target(self._steps * STEP),
                 self._table,
@@ -103,22 +100,22 @@ class PybulletSimulator(Simulator):
             if abs(left - shown_left) + abs(right - shown_right) > self._spin_step:
                 self._spin(rims)
             rolled += 0.5 * (left + right)
-            apply_force(body, -1, force, point, world_frame)
-            apply_torque(body, -1, torque, world_frame)
+            client.applyExternalForce(body, -1, force, point, world_frame)
+            client.applyExternalTorque(body, -1, torque, world_frame)
             self._steps += 1
             if near_movers:
-                circles = self.world.mover_circles(self._steps * STEP).tolist()
+                circles = self.passers_by.circles(self._steps * STEP).tolist()
                 for number in near_movers:
                     x, y, _ = circles[number]
                     scene.put_mover(client, self._movers[number], x, y)
-            step()
+            client.stepSimulation()
             placement = placement_of(body)
             motion = motion_of(body)
-            if not has_touched:
+            if may_touch and not has_touched:
                 has_touched = self._touching(placement[0], bool(near_movers))
 
         # State of base_link at the end of the last step
-        pose, speed, upright = _planar(self._vehicle, placement, motion)
+        pose, speed, upright = _planar(self.vehicle, placement, motion)
         self._update(
             pose, (speed, motion[1][2]), rolled / steps, steps * STEP, has_touched, upright < 0.5
         )
@@ -129,8 +126,8 @@ class PybulletSimulator(Simulator):
         Returns:
             The numbers of those near `position`, which may touch the robot before.
         """
-        starts = self.world.mover_circles(self._steps * STEP).tolist()
-        ends = self.world.mover_circles((self._steps + steps) * STEP).tolist()
+        starts = self.passers_by.circles(self._steps * STEP).tolist()
+        ends = self.passers_by.circles((self._steps + steps) * STEP).tolist()
         reach = self._reach + _CLOSING_M_S * steps * STEP
         near = []
         for number, (start, end) in enumerate(zip(starts, ends)):

@@ -9,11 +9,21 @@ from typing import Any, List, Sequence
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Quaternion, TransformStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from geometry_msgs.msg import (
+    Point,
+    PoseWithCovariance,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    TwistWithCovariance,
+    Vector3,
+)
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import Twist as TwistMessage
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, LaserScan
-from std_msgs.msg import Bool, ColorRGBA
+from std_msgs.msg import Bool, ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -102,8 +112,8 @@ class BridgeTopics:
         """Publish static frames, obstacles and the map, after every reset and change of world."""
         self.publish_frames(simulator, stamp)
         world = simulator.world
-        clear = Marker(action=Marker.DELETEALL)  # also deletes the markers of publish_movers
-        clear.header.frame_id = WORLD
+        # This also deletes the markers of publish_movers.
+        clear = Marker(header=Header(frame_id=WORLD), action=Marker.DELETEALL)
         cylinders = _cylinders("cylinders", GREY, world.cylinders.tolist(), stamp)
         boxes = _markers("boxes", Marker.CUBE, BROWN, world.boxes.tolist(), stamp)
         self.obstacles.publish([clear, *cylinders, *boxes])
@@ -126,7 +136,7 @@ class BridgeTopics:
 
     def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the moving cylinders at the current time, if there are subscribers."""
-        circles = simulator.world.mover_circles(simulator.state.time).tolist()
+        circles = simulator.passers_by.circles(simulator.state.time).tolist()
         # Messages that nobody reads would only slow down the simulation.
         if circles and self.movers.get_num_connections():
             self.movers.publish(_cylinders("movers", ORANGE, circles, stamp))
@@ -137,21 +147,18 @@ def quaternion(yaw: float) -> Quaternion:
     return Quaternion(*quaternion_of(yaw))
 
 
+def _pose(pose: Pose, height: float = 0.0) -> PoseMessage:
+    """Return a geometry_msgs/Pose of (x, y, yaw) [m, m, rad] at a height [m]."""
+    x, y, yaw = pose
+    return PoseMessage(Point(x, y, height), quaternion(yaw))
+
+
 def _map(frame: str, world: World, stamp: rospy.Time) -> OccupancyGrid:
     """Return the map of a world, whose own resolution counts if it has a map."""
-    cells, resolution, (x, y, yaw) = occupancy(world, MAP_RESOLUTION_M)
-    message = OccupancyGrid()
-    message.header.frame_id = frame
-    message.header.stamp = stamp
-    info = message.info
-    info.map_load_time = stamp
-    info.resolution = resolution
-    info.height, info.width = cells.shape
-    info.origin.position.x = x
-    info.origin.position.y = y
-    info.origin.orientation = quaternion(yaw)
-    message.data = cells.ravel().tolist()
-    return message
+    cells, resolution, origin = occupancy(world, MAP_RESOLUTION_M)
+    rows, columns = cells.shape
+    info = MapMetaData(stamp, resolution, columns, rows, _pose(origin))
+    return OccupancyGrid(Header(0, stamp, frame), info, cells.ravel().tolist())
 
 
 def _transform(
@@ -159,32 +166,20 @@ def _transform(
 ) -> TransformStamped:
     """Return the transform of frame `child` at `pose` and `height` [m] in frame `parent`."""
     x, y, yaw = pose
-    message = TransformStamped(child_frame_id=child)
-    message.header.frame_id = parent
-    message.header.stamp = stamp
-    translation = message.transform.translation
-    translation.x = x
-    translation.y = y
-    translation.z = height
-    message.transform.rotation = quaternion(yaw)
-    return message
+    transform = Transform(Vector3(x, y, height), quaternion(yaw))
+    return TransformStamped(Header(0, stamp, parent), child, transform)
 
 
 def _odometry(frame: str, child: str, pose: Pose, twist: Twist, stamp: rospy.Time) -> Odometry:
     """Return pose [m, m, rad] and twist (v, w) [m/s, rad/s] of frame `child` in `frame`."""
-    x, y, yaw = pose
     v, w = twist
-    message = Odometry(child_frame_id=child)
-    message.header.frame_id = frame
-    message.header.stamp = stamp
-    message.pose.pose.position.x = x
-    message.pose.pose.position.y = y
-    message.pose.pose.orientation = quaternion(yaw)
-    message.twist.twist.linear.x = v
-    message.twist.twist.angular.z = w
-    message.pose.covariance = _COVARIANCE
-    message.twist.covariance = _COVARIANCE
-    return message
+    velocity = TwistMessage(Vector3(v, 0.0, 0.0), Vector3(0.0, 0.0, w))
+    return Odometry(
+        Header(0, stamp, frame),
+        child,
+        PoseWithCovariance(_pose(pose), _COVARIANCE),
+        TwistWithCovariance(velocity, _COVARIANCE),
+    )
 
 
 def _scan(frame: str, laser: Laser, ranges: Array32, stamp: rospy.Time) -> LaserScan:
@@ -192,7 +187,8 @@ def _scan(frame: str, laser: Laser, ranges: Array32, stamp: rospy.Time) -> Laser
     # Some drivers publish a number for a beam without a return, not the +inf of REP 117.
     if laser.no_return is not None:
         ranges = np.where(np.isposinf(ranges), np.float32(laser.no_return), ranges)
-    message = LaserScan(
+    return LaserScan(
+        header=Header(0, stamp, frame),
         angle_min=laser.first_angle,
         angle_max=laser.last_angle,
         angle_increment=laser.increment,
@@ -201,22 +197,18 @@ def _scan(frame: str, laser: Laser, ranges: Array32, stamp: rospy.Time) -> Laser
         scan_time=1.0 / laser.rate,
         ranges=ranges.tolist(),
     )
-    message.header.frame_id = frame
-    message.header.stamp = stamp
-    return message
 
 
 def _imu(frame: str, errors: OdometryErrors, state: RobotState, stamp: rospy.Time) -> Imu:
     """Return the measurement of the IMU, whose orientation is that of the odometry."""
     acceleration, yaw_rate = state.imu
-    message = Imu()
-    message.header.frame_id = frame
-    message.header.stamp = stamp
-    message.orientation = quaternion(state.odom_pose[2])
-    message.linear_acceleration.x = acceleration
-    message.angular_velocity.z = yaw_rate
-    message.linear_acceleration.z = GRAVITY
-    message.orientation_covariance = _ATTITUDE_COVARIANCE
+    message = Imu(
+        header=Header(0, stamp, frame),
+        orientation=quaternion(state.odom_pose[2]),
+        orientation_covariance=_ATTITUDE_COVARIANCE,
+        angular_velocity=Vector3(0.0, 0.0, yaw_rate),
+        linear_acceleration=Vector3(acceleration, 0.0, GRAVITY),
+    )
     message.angular_velocity_covariance[8] = errors.gyro_noise**2
     message.linear_acceleration_covariance[0] = errors.accelerometer_noise**2
     return message
@@ -236,15 +228,14 @@ def _markers(
     """Return the markers of obstacles on the ground: x, y, yaw, size_x, size_y [m, rad]."""
     markers = []
     for number, (x, y, yaw, size_x, size_y) in enumerate(places):
-        marker = Marker(ns=name, id=number, type=shape, color=colour)
-        marker.header.frame_id = WORLD
-        marker.header.stamp = stamp
-        marker.pose.position.x = x
-        marker.pose.position.y = y
-        marker.pose.position.z = OBSTACLE_HEIGHT_M / 2
-        marker.pose.orientation = quaternion(yaw)
-        marker.scale.x = size_x
-        marker.scale.y = size_y
-        marker.scale.z = OBSTACLE_HEIGHT_M
+        marker = Marker(
+            header=Header(0, stamp, WORLD),
+            ns=name,
+            id=number,
+            type=shape,
+            pose=_pose((x, y, yaw), OBSTACLE_HEIGHT_M / 2),
+            scale=Vector3(size_x, size_y, OBSTACLE_HEIGHT_M),
+            color=colour,
+        )
         markers.append(marker)
     return markers

@@ -17,14 +17,15 @@ from applr_ros1.common.angles import Pose, Twist, normalize_angle, normalize_ang
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.robots import Robot, load
+from applr_ros1.robots import Robot, geometry, load
 from worlds import World
 
 from .laser_errors import LaserErrors
 from .lidar import Lidar
-from .mechanics import STEP
+from .mechanics import STEP, mechanics
 from .odometry import Odometry
-from .wheels import Surface
+from .passers_by import PassersBy
+from .wheels import Surface, new_vehicle, rim_table
 
 # Constant, or range (low, high) from which a value is drawn at every reset
 Span = Union[float, Tuple[float, float]]
@@ -111,18 +112,25 @@ class Simulator(ABC):
     Args:
         robot: Description of the robot; the Jackal by default.
         **randomisation: Fields of Randomisation.
+
+    Attributes:
+        vehicle: Record (1,) of the present Vehicle: its ground, controller and wheels.
     """
 
     world: World  # world of the last reset()
+    passers_by: PassersBy  # its moving obstacles
     drawn: Any  # Randomisation of this reset, with every range replaced by a number
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         self.robot = load("jackal") if robot is None else robot
         self.randomisation = Randomisation(**randomisation)
+        self._radius = geometry.radius(self.robot)
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)
         self._lidar: Any = None
         self._command = _Command()
+        self._mechanics = mechanics(self.robot)
+        self._table = rim_table(self.robot)
 
     # -- public ------------------------------------------------------------------------------------
     def reset(self, world: World, seed: int, start: Optional[Sequence[float]] = None) -> RobotState:
@@ -146,6 +154,7 @@ class Simulator(ABC):
         if new_world:
             self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
         self.world = world
+        self.passers_by = PassersBy(world, self._radius)
         self.odom_origin = (x, y)
 
         # Each source of errors has its own random numbers, so that one does not shift those of
@@ -191,6 +200,7 @@ class Simulator(ABC):
         self._elapsed += duration
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps > 0:
+            self.passers_by.look(self.state.time, self.state.pose)
             self._drive(steps)
         if self._laser_errors is not None:
             self._laser_errors.remember(self.state)
@@ -209,7 +219,7 @@ class Simulator(ABC):
         errors = self._laser_errors
         state = self.state if errors is None else errors.past[0]
         laser_pose = laser.pose_for(state.pose)
-        ranges: Array32 = self._lidar.scan(*laser_pose, self.world.mover_circles(state.time))
+        ranges: Array32 = self._lidar.scan(*laser_pose, self.passers_by.circles(state.time))
         if errors is not None:
             errors.add(ranges, laser_pose)
         # The factor stands for what is unknown of a laser. The errors of a named one are known.
@@ -287,6 +297,12 @@ class Simulator(ABC):
     @abstractmethod
     def _drive(self, steps: int) -> None:
         """Simulate `steps` steps towards `_target(time)`; count self._steps, and call _update()."""
+
+    def _reset_wheels(self) -> None:
+        """Set all wheels to rest, with new angles and without noise."""
+        constants = self._mechanics.constants
+        self.vehicle = new_vehicle(constants, self._surface, self._angle_seed)
+        self._supports = self._mechanics.supports.copy()
 
     def _update(
         self,

@@ -1,5 +1,4 @@
-"""Configuration of all tests: selection, distribution to processes, processor times, measurements
-of faults.
+"""Configuration of all tests: selection, distribution to processes, measurements of faults.
 
 A test that takes more than a quarter of an hour fails, but tests marked `long` may take hours.
 Failed tests are not repeated: a test that fails only on a busy machine is defective.
@@ -14,8 +13,7 @@ Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `l
 names them. Without `--all`, random comparisons run a part of their cases (tests/support/seeds.py).
 With `--quick`, tests marked `heavy` are left out, and those that need ROS or start a process are
 skipped (tests/support/quick.py). A file that imports a package that is not installed (ROS, or torch
-under Python 3.8) is skipped. A run in which no test passed is a failure. The report lists the tests
-that took the most processor time, including the processes that they start.
+under Python 3.8) is skipped. A run in which no test passed is a failure.
 `--faults-table=docs/results/faults.csv` writes the measurements of the fault tests into that table.
 """
 
@@ -135,23 +133,6 @@ def pytest_collection_modifyitems(config, items):
     items[:] = chosen_items
 
 
-def processor_s():
-    """Return the processor time [s] of this process and its finished children."""
-    # User and system time of this process, then those of its children; the fifth is wall time.
-    return sum(os.times()[:4])
-
-
-def spent(last=[0.0]):  # noqa: B006 - the list stores the last reading
-    """Return the processor time [s] since the last call."""
-    last_reading = last[0]
-    last[0] = processor_s()
-    return last[0] - last_reading
-
-
-def pytest_runtest_logstart():
-    spent()  # Discards the time since the previous test.
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield
@@ -160,8 +141,6 @@ def pytest_runtest_makereport(item, call):
         if package:
             report.outcome = "skipped"
             report.longrepr = (str(item.path), 1, "Skipped: no %s here" % package)
-    # pytest-xdist transfers this attribute to the process that prints.
-    report.processor_s = spent()
     item.has_failed = report.failed or getattr(item, "has_failed", False)
     return report
 
@@ -230,34 +209,6 @@ def write_figures(path, reports):
         writer = csv.DictWriter(table_file, list(fault_rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(fault_rows)
-
-
-def pytest_terminal_summary(terminalreporter):
-    """List the files and tests that took the most processor time [s]."""
-    test_s = collections.Counter()  # processor time by test
-    duration_s = collections.Counter()  # by test
-    file_s = collections.Counter()  # processor time by file
-    # A test has up to three reports: of its fixtures' beginning, of itself, and of their end.
-    for reports in terminalreporter.stats.values():
-        for report in reports:
-            if hasattr(report, "processor_s"):
-                test_s[report.nodeid] += report.processor_s
-                duration_s[report.nodeid] += report.duration
-                file_s[report.nodeid.partition("::")[0]] += report.processor_s
-
-    # A run of quick tests needs no list.
-    if not test_s or max(test_s.values()) < 1.0:
-        return
-    terminalreporter.section(
-        "processor time: %.0f s, tests %.0f s" % (processor_s(), sum(file_s.values()))
-    )
-    file_times = ["%s %.0f s" % file_time for file_time in file_s.most_common(5)]
-    terminalreporter.line(", ".join(file_times))
-    for test_name, seconds in test_s.most_common(20):
-        if seconds < 1.0:
-            break
-        duration = duration_s[test_name]
-        terminalreporter.line("%6.1f s in %5.1f s  %s" % (seconds, duration, test_name))
 
 
 def pytest_sessionfinish(session, exitstatus):

@@ -17,6 +17,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from applr_ros1.common.arrays import Array, Ints
+from applr_ros1.common.kernels import kernel
 
 from . import search
 from .search import Cells
@@ -138,22 +139,25 @@ def kind(number: int) -> Tuple[float, int]:
     return FILL_SHARES[fill_index], SMOOTHING_ROUNDS[rounds_index]
 
 
+@kernel
 def _neighbours(filled: Cells, rows_outside: bool) -> NDArray[np.uint8]:
     """Count the filled cells (30, 30) among the 8 neighbours of each cell.
 
     Columns outside the field count as free. Rows outside count as filled if `rows_outside`.
     """
-    padded = np.full((ROWS + 2, COLS + 2), rows_outside, np.uint8)
-    padded[1:-1] = 0
+    padded = np.zeros((ROWS + 2, COLS + 2), np.uint8)
+    if rows_outside:
+        padded[0] = 1
+        padded[-1] = 1
     padded[1:-1, 1:-1] = filled
-    # Sums over three rows, then over three columns, are sums over blocks of 3 x 3 cells.
-    row_sums = padded[:-2]
-    row_sums = row_sums + padded[1:-1]
-    row_sums = row_sums + padded[2:]
-    block_sums = row_sums[:, :-2]
-    block_sums = block_sums + row_sums[:, 1:-1]
-    block_sums = block_sums + row_sums[:, 2:]
-    counts: NDArray[np.uint8] = block_sums - filled
+    counts = np.empty((ROWS, COLS), np.uint8)
+    for row in range(ROWS):
+        for column in range(COLS):
+            count = 0
+            for padded_row in range(row, row + 3):
+                for padded_column in range(column, column + 3):
+                    count += padded[padded_row, padded_column]
+            counts[row, column] = count - filled[row, column]
     return counts
 
 
@@ -163,7 +167,7 @@ def smooth(filled: Cells) -> Cells:
     5 or more filled neighbours fill a cell, 1 or fewer clear it. Rows outside the field count as
     filled, columns outside as free.
     """
-    neighbours = _neighbours(filled, rows_outside=True)
+    neighbours = _neighbours(filled, True)
     return (filled | (neighbours >= 5)) & (neighbours > 1)
 
 
@@ -172,7 +176,7 @@ def hollow(filled: Cells) -> Cells:
 
     BARN omits these cylinders, because neither a robot nor a laser can reach them.
     """
-    return filled & (_neighbours(filled, rows_outside=False) < 8)
+    return filled & (_neighbours(filled, False) < 8)
 
 
 def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> Cells:

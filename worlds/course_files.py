@@ -19,7 +19,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, reading
 
 from . import barn, dynabarn, search
-from .sdf import NAMESPACE, numbers
+from .sdf import numbers
 from .world import Course, Mover
 
 PATH_FOLDER = "path_files"
@@ -31,19 +31,14 @@ COURSE_REMEDY = (
 
 def from_element(element: Element) -> Course:
     """Return the course that `sdf_writer` stored in a world file."""
+    texts = {tag.tag.rpartition("}")[2]: tag.text for tag in element}
 
-    def get(tag: str, count: int) -> Any:
-        tag_text = element.findtext(f"{{{NAMESPACE}}}{tag}")
-        return tuple(numbers(tag_text, count, f"{tag} of the course"))
+    def get(tag: str, count: int, rows: bool = False) -> Any:
+        return tuple(numbers(texts.get(tag), count, f"{tag} of the course", rows))
 
-    def has(tag: str) -> bool:
-        return element.find(f"{{{NAMESPACE}}}{tag}") is not None
-
-    # A path has at least two points. An odd word is left over, which `numbers` reports.
-    words = (element.findtext(f"{{{NAMESPACE}}}path") or "").split()
-    coordinates = get("path", max(4, len(words) // 2 * 2))
+    coordinates = get("path", 2, rows=True)
     finish_y = None
-    if has("finish_y"):
+    if "finish_y" in texts:
         (finish_y,) = get("finish_y", 1)
     (goal_tolerance,) = get("goal_tolerance", 1)
     return Course(
@@ -52,7 +47,7 @@ def from_element(element: Element) -> Course:
         finish_y=finish_y,
         goal_tolerance=goal_tolerance,
         path=np.array(coordinates).reshape(-1, 2),
-        planner_ends=has("planner_ends"),
+        planner_ends="planner_ends" in texts,
     )
 
 

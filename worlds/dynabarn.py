@@ -4,7 +4,8 @@ DynaBARN compiles the paths of its cylinders into Gazebo plugins, and a world fi
 plugins. `sdf_reader` takes the key frames from the table movers.csv beside the world, with one row
 per key frame and the columns plugin, length, repeat, time, x, y. docs/reference/worlds.md describes
 how to make the table. `generate` returns further worlds: a room of 20 x 20 m with moving cylinders,
-alternately of DynaBARN's slow, medium and fast kinds.
+alternately of DynaBARN's slow, medium and fast kinds. `people` returns such rooms with people, of
+whom most look where they walk.
 """
 
 from __future__ import annotations
@@ -39,8 +40,7 @@ Animation = Callable[[float], Mover]  # returns the moving cylinder for a radius
 @functools.lru_cache(maxsize=4)
 def read_table(path: str) -> Dict[str, Animation]:
     """Return the animations of a table by plugin."""
-    lengths: Dict[str, float] = {}
-    repeats: Dict[str, bool] = {}
+    animations: Dict[str, Animation] = {}
     frames_by_plugin: Dict[str, List[KeyFrame]] = {}
     with reading(path):
         # Spreadsheets write a byte order mark, which utf-8-sig skips.
@@ -49,19 +49,16 @@ def read_table(path: str) -> Dict[str, Animation]:
             plugin = table_row["plugin"]
             values = " ".join(table_row[name] for name in ("length", "time", "x", "y"))
             length, frame_time, x, y = numbers(values, 4, f"a row of {plugin}")
-            lengths[plugin] = length
-            repeats[plugin] = table_row["repeat"] == "1"
             waypoints = frames_by_plugin.setdefault(plugin, [])
             waypoints.append((frame_time, x, y))
-
-    animations: Dict[str, Animation] = {}
-    for plugin, waypoints in frames_by_plugin.items():
-        animations[plugin] = _animation(waypoints, lengths[plugin], repeats[plugin])
+            # The last row of a plugin has all its key frames.
+            animations[plugin] = functools.partial(
+                Mover,
+                waypoints=tuple(waypoints),
+                length=length,
+                repeat=table_row["repeat"] == "1",
+            )
     return animations
-
-
-def _animation(waypoints: List[KeyFrame], length: float, repeat: bool) -> Animation:
-    return functools.partial(Mover, waypoints=tuple(waypoints), length=length, repeat=repeat)
 
 
 def animation_of(model: Element, path: str) -> Optional[Animation]:
@@ -73,16 +70,17 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     title = f"model {shown(model.get('name'))}"
     stored_frames = model.find(f"{{{NAMESPACE}}}waypoints")
     if stored_frames is not None:
-        # Words that do not fill a key frame are left over, which `numbers` reports.
-        words = (stored_frames.text or "").split()
-        number_count = len(words) // 3 * 3
-        frame_numbers = numbers(stored_frames.text, number_count, f"waypoints of {title}")
+        frame_numbers = numbers(stored_frames.text, 3, f"waypoints of {title}", rows=True)
         times = frame_numbers[::3]
         x = frame_numbers[1::3]
         y = frame_numbers[2::3]
-        key_frames = list(zip(times, x, y))
-        length = float(stored_frames.get("length", 0.0))
-        return _animation(key_frames, length, repeat=stored_frames.get("repeat") != "0")
+        return functools.partial(
+            Mover,
+            waypoints=tuple(zip(times, x, y)),
+            length=float(stored_frames.get("length", 0.0)),
+            repeat=stored_frames.get("repeat") != "0",
+            looks=stored_frames.get("looks") == "1",
+        )
 
     plugin = model.find("plugin")
     if plugin is None:
@@ -92,7 +90,7 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     if plugin_name.startswith("libgazebo_ros_"):
         return None  # These plugins move a model only on command.
     table_path = os.path.join(os.path.dirname(os.path.abspath(path)), NAME)
-    animations: Dict[str, Animation] = {}
+    animations = {}
     if os.path.lexists(table_path):
         animations = read_table(table_path)
     if plugin_name not in animations:
@@ -120,9 +118,12 @@ def arena_course(planner_ends: bool = False) -> Course:
 
 # numbers by split; 100 and up are free for training
 SPLITS = {"test": range(50), "validation": range(50, 100)}
-# by kind of world (slow, medium, fast): range of the speed [m/s], and of the number of obstacles
-SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))
-MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))
+# by kind of world (slow, medium, fast, people): range of the speed [m/s], and of the number of
+# obstacles
+SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95), (0.5, 1.5))
+MOVER_COUNTS = ((6, 12), (8, 18), (10, 24), (8, 18))
+PEOPLE = 3  # index of the kind with people
+ON_THE_PHONE = 3  # One person of so many looks at a telephone, and does not see the robot.
 RADII_M = (0.25, 0.5)  # radius range, from a person to DynaBARN's cylinders [m]
 HALF_SIDE_M = 10.0  # half the side length of the room [m]
 WALL_WIDTH_M = 0.5  # thickness of the room's walls [m]
@@ -137,19 +138,29 @@ WALLS = np.array(
     ]
 )
 SEED = 20220601
+PEOPLE_SEED = 20261130
 
 
 def generate(number: int) -> World:
     """Return world `number` >= 0."""
-    rng = np.random.default_rng([SEED, number])
-    kind = number % len(SPEEDS_M_S)
+    return _room("dynamic", SEED, number, number % PEOPLE)
+
+
+def people(number: int) -> World:
+    """Return room `number` >= 0 with people."""
+    return _room("people", PEOPLE_SEED, number, PEOPLE)
+
+
+def _room(recipe: str, seed: int, number: int, kind: int) -> World:
+    rng = np.random.default_rng([seed, number])
     fewest_movers, most_movers = MOVER_COUNTS[kind]
     mover_count = int(rng.integers(fewest_movers, most_movers + 1))
     movers = []
-    for _ in range(mover_count):
-        movers.append(_mover(rng, SPEEDS_M_S[kind]))
+    for index in range(mover_count):
+        looks = kind == PEOPLE and index % ON_THE_PHONE > 0
+        movers.append(_mover(rng, SPEEDS_M_S[kind], looks))
     return World(
-        name=f"dynamic:{number}",
+        name=f"{recipe}:{number}",
         cylinders=np.empty((0, 3)),
         boxes=WALLS,
         course=arena_course(planner_ends=True),
@@ -157,7 +168,7 @@ def generate(number: int) -> World:
     )
 
 
-def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
+def _mover(rng: np.random.Generator, speeds: Tuple[float, float], looks: bool) -> Mover:
     """Draw a cylinder that crosses the room from wall to wall, with a new speed on each leg."""
     # The order of the draws is part of the recipe: another order would make other worlds.
     first_wall, last_wall = rng.choice(4, 2, replace=False)
@@ -174,7 +185,7 @@ def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
 
     arrival_time = 0.0
     x, y = corners[0].tolist()
-    key_frames: List[KeyFrame] = [(arrival_time, x, y)]
+    key_frames = [(arrival_time, x, y)]
     legs = np.diff(corners, axis=0)
     for corner, leg in zip(corners[1:], legs):
         leg_length = max(math.hypot(*leg), SHORTEST_LEG_M)
@@ -183,7 +194,7 @@ def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
         x, y = corner.tolist()
         key_frames.append((arrival_time, x, y))
     radius = float(rng.uniform(*RADII_M))
-    return Mover(radius, tuple(key_frames))
+    return Mover(radius, tuple(key_frames), looks=looks)
 
 
 def _at_a_wall(rng: np.random.Generator, wall: int) -> Array:

@@ -43,7 +43,7 @@ def key_frames_of(code: bytes) -> Tuple[float, List[KeyFrame]]:
         raise ApplrError("no key frames in this file: give the plugins of DynaBARN")
 
     length = constants[first]
-    frames: List[KeyFrame] = []
+    frames = []
     last_time = 0.0
     for begin in range(first + 1, len(constants) - FRAME_SIZE + 1, FRAME_SIZE):
         frame_time, _, y, x = constants[begin : begin + 4]

@@ -9,11 +9,11 @@ import dataclasses
 import functools
 import os
 import re
-from types import MappingProxyType
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 
 from . import barn, dynabarn, map_courses, sdf_reader
@@ -22,54 +22,57 @@ from .world import Course, Mover, World
 SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, "
     "generated:learn, fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, "
-    "dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world file, a folder of "
-    "them, or courses through a building: MAP.yaml, MAP.yaml:N, MAP.yaml:N-M"
+    "dynamic:N-M, dynamic:validation, dynamic:test, people:N, people:N-M, physical_course, "
+    "a .world file, a folder of them, or courses through a building: MAP.yaml, MAP.yaml:N, "
+    "MAP.yaml:N-M"
 )
 RADIUS_M = 0.31  # default radius of the robot's circle, the Jackal's [m]
 FINAL_SEED = 20261125  # seed of the worlds final:N
 PHYSICAL_COURSE = "physical_course"  # name of the paper's cardboard course, a file in data/
-MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
+# Prefixes of worlds that are generated on demand
+MADE = ("fresh:", "final:", "dynamic:", "people:")
 
 
-class _Recipe(NamedTuple):
-    """Recipe of numbered worlds.
+@dataclasses.dataclass(frozen=True)
+class _NumberedWorlds:
+    """Recipe of numbered worlds. A Building has courses in the same way.
 
     Attributes:
-        make: Generator of a world with a number.
-        split: Function that returns the numbers of a split by its name.
-        end: End (exclusive) of the numbers, without the courses that a map has for its halves only.
-        has: Function that returns whether there is a world with a number.
+        course: Generator of a world with a number.
+        count: Number of the worlds.
+        splits: Numbers by the names of splits.
     """
 
-    make: Callable[[int], World]
-    split: Callable[[str], Optional[Sequence[int]]]
-    end: int
-    has: Callable[[int], bool]
+    course: Callable[[int], World]
+    count: int
+    splits: Mapping[str, Sequence[int]] = dataclasses.field(default_factory=dict)
 
-    @classmethod
-    def up_to(
-        cls,
-        make: Callable[[int], World],
-        end: int,
-        splits: Mapping[str, Sequence[int]] = MappingProxyType({}),
-    ) -> _Recipe:
-        """Return the recipe of the numbers from 0 to end - 1."""
-        return cls(make, splits.get, end, end.__gt__)
+    def has(self, number: int) -> bool:
+        """Return whether there is a world with a number."""
+        return number < self.count
 
-    def numbers(self, selection: str) -> Optional[Sequence[int]]:
-        """Return the numbers of a split, of a number such as "7" or of a range such as "0-9".
+    def numbers(self, split: str) -> Optional[Sequence[int]]:
+        """Return the numbers of a split, or None if there is no such split."""
+        return self.splits.get(split)
 
-        Return None if there is no such split or number.
-        """
-        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", selection, re.ASCII)
-        if match is None:
-            return self.split(selection)
-        first_number = int(match.group(1))
-        last_number = int(match.group(2) or first_number)
-        # A range is refused as a whole: half of it would be evaluated as if it were complete.
-        if not self.has(last_number):
-            return None
-        return range(first_number, last_number + 1)
+
+Recipe = Union[_NumberedWorlds, map_courses.Building]
+
+
+def _selected(recipe: Recipe, selection: str) -> Optional[Sequence[int]]:
+    """Return the numbers of a split, of a number such as "7" or of a range such as "0-9".
+
+    Return None if there is no such split or number.
+    """
+    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", selection, re.ASCII)
+    if match is None:
+        return recipe.numbers(selection)
+    first_number = int(match.group(1))
+    last_number = int(match.group(2) or first_number)
+    # A range is refused as a whole: half of it would be evaluated as if it were complete.
+    if not recipe.has(last_number):
+        return None
+    return range(first_number, last_number + 1)
 
 
 def _fresh(number: int) -> World:
@@ -85,10 +88,11 @@ def _final(number: int) -> World:
 
 
 _RECIPES = {
-    "generated": _Recipe.up_to(barn.world, barn.COUNT, barn.SPLITS),
-    "fresh": _Recipe.up_to(_fresh, 10**9),
-    "final": _Recipe.up_to(_final, 100),
-    "dynamic": _Recipe.up_to(dynabarn.generate, 10**9, dynabarn.SPLITS),
+    "generated": _NumberedWorlds(barn.world, barn.COUNT, barn.SPLITS),
+    "fresh": _NumberedWorlds(_fresh, 10**9),
+    "final": _NumberedWorlds(_final, 100),
+    "dynamic": _NumberedWorlds(dynabarn.generate, 10**9, dynabarn.SPLITS),
+    "people": _NumberedWorlds(dynabarn.people, 10**9),
 }
 
 
@@ -98,13 +102,12 @@ def building(path: str, radius: float) -> map_courses.Building:
     return map_courses.Building(path, radius)
 
 
-def _recipe(name: str, radius: float) -> Optional[_Recipe]:
+def _recipe(name: str, radius: float) -> Optional[Recipe]:
     """Return the recipe of a name or of the path of a map; None if there is none."""
     # The robot decides on the courses of a map, so that a map is a recipe for each radius.
-    if not name.endswith(".yaml"):
-        return _RECIPES.get(name)
-    courses = building(name, radius)
-    return _Recipe(courses.course, courses.numbers, courses.count, courses.has)
+    if name.endswith(".yaml"):
+        return building(name, radius)
+    return _RECIPES.get(name)
 
 
 def load(spec: str, radius: float = RADIUS_M) -> World:
@@ -126,7 +129,7 @@ def load(spec: str, radius: float = RADIUS_M) -> World:
                 f"give one of them: {world_specs[0]}"
             )
         _, _, number = world_specs[0].partition(":")
-        return recipe.make(int(number))
+        return recipe.course(int(number))
     if spec_text == PHYSICAL_COURSE:
         return sdf_reader.read_world(os.path.join(barn.FOLDER, "data", f"{PHYSICAL_COURSE}.world"))
     if spec_text.endswith(".world"):
@@ -151,11 +154,11 @@ class Worlds(Sequence[World]):
 
     def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
         self.specs = listed_specs(spec, radius)
-        self._loaded: Dict[str, World] = {}
-        for world_spec in self.specs:
-            if not world_spec.startswith(MADE):
-                self._loaded[world_spec] = load(world_spec, radius)
-        self._made = functools.lru_cache(maxsize=256)(load)
+        loaded_specs = [spec for spec in self.specs if not spec.startswith(MADE)]
+        world_of = functools.partial(load, radius=radius)
+        self._world_of = functools.lru_cache(256 + len(loaded_specs))(world_of)
+        for loaded_spec in loaded_specs:
+            self._world_of(loaded_spec)
 
     def __len__(self) -> int:
         return len(self.specs)
@@ -164,10 +167,7 @@ class Worlds(Sequence[World]):
         """Return world number `index`, or a list of worlds for a slice."""
         if isinstance(index, slice):
             return [self[number] for number in range(*index.indices(len(self)))]
-        world_spec = self.specs[index]
-        if world_spec in self._loaded:
-            return self._loaded[world_spec]
-        return self._made(world_spec)
+        return self._world_of(self.specs[index])
 
 
 def listed_specs(text: str, radius: float = RADIUS_M) -> List[str]:
@@ -192,14 +192,14 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
     recipe_name, _, selection = spec_text.partition(":")
     recipe = _recipe(recipe_name, radius)
     if recipe:
-        numbers = recipe.numbers(selection)
+        numbers = _selected(recipe, selection)
         if numbers == [] and selection in map_courses.HALVES:
             raise ApplrError(
-                f"{recipe_name}: none of its {recipe.end} courses stays in one half of the floor; "
-                f"give {recipe_name}:0-{recipe.end - 1}, or a map with more floor"
+                f"{recipe_name}: none of its {recipe.count} courses stays in one half of the "
+                f"floor; give {recipe_name}:0-{recipe.count - 1}, or a map with more floor"
             )
         if not numbers:
-            last_world = f"{recipe_name}:{recipe.end - 1}"
+            last_world = f"{recipe_name}:{recipe.count - 1}"
             known_worlds = f"{recipe_name}:0 to {last_world}"
             raise ApplrError(f"no worlds {spec_text!r} of {known_worlds}; give {SPECIFICATIONS}")
         return [f"{recipe_name}:{number}" for number in numbers]
@@ -228,9 +228,10 @@ def _by_number(name: str) -> List[Tuple[int, int, str]]:
 def scaled(world: World, factor: float) -> World:
     """Return a world of a recipe with lengths scaled by `factor`.
 
-    The recipes (generated:N, fresh:N, dynamic:N, physical_course) have the Jackal's scale. Angles
-    and times are unchanged. A room with moving obstacles is never enlarged, because its goal would
-    lie outside the planners' maps. A world from a file is a real place and stays unchanged.
+    The recipes (generated:N, fresh:N, dynamic:N, people:N, physical_course) have the Jackal's
+    scale. Angles and times are unchanged. A room with moving obstacles is never enlarged, because
+    its goal would lie outside the planners' maps. A world from a file is a real place and stays
+    unchanged.
     """
     if world.movers:
         factor = min(factor, 1.0)
@@ -253,16 +254,19 @@ def _scaled_course(course: Course, factor: float) -> Course:
     finish_y = course.finish_y
     if finish_y is not None:
         finish_y *= factor
-    start_x, start_y, start_yaw = course.start
-    goal_x, goal_y, goal_yaw = course.goal
     return dataclasses.replace(
         course,
-        start=(start_x * factor, start_y * factor, start_yaw),
-        goal=(goal_x * factor, goal_y * factor, goal_yaw),
+        start=_scaled_pose(course.start, factor),
+        goal=_scaled_pose(course.goal, factor),
         finish_y=finish_y,
         goal_tolerance=course.goal_tolerance * factor,
         path=course.path * factor,
     )
+
+
+def _scaled_pose(pose: Pose, factor: float) -> Pose:
+    x, y, yaw = pose
+    return x * factor, y * factor, yaw
 
 
 def _scaled_mover(mover: Mover, factor: float) -> Mover:

@@ -78,9 +78,8 @@ class Floor:
             most: Largest number of courses, with those that exist already.
         """
         draws: List[Draw] = []
-        start_cells = np.empty((0, 2), np.int64)
-        for other_draw in others:
-            start_cells = np.vstack([start_cells, other_draw.start])
+        starts = [other_draw.start for other_draw in others]
+        start_cells = np.array(starts, np.int64).reshape(-1, 2)
         floor_cells = np.argwhere(self.cells)
         if not len(floor_cells):
             return draws

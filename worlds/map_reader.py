@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-from typing import Any, Tuple
+from typing import Any, Mapping, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,29 +65,27 @@ def read_map(path: str) -> Grid:
 def read_fields(path: str) -> MapFile:
     """Return the fields of a map.yaml. Raise ApplrError with the first field that is invalid."""
     with reading(path):
-        return _fields(read_yaml(path))
-
-
-def _fields(content: Any) -> MapFile:
-    """Return the fields in the content of a map.yaml, or raise ApplrError."""
-    try:
-        map_file = MapFile.model_validate(content)
-    except ValidationError as refusal:
-        problem = refusal.errors()[0]
-    else:
+        try:
+            map_file = MapFile.model_validate(read_yaml(path))
+        except ValidationError as refusal:
+            raise ApplrError(_refused(refusal.errors()[0])) from None
         if map_file.free_thresh > map_file.occupied_thresh:
             raise ApplrError(
                 f"free_thresh is {map_file.free_thresh:g}, above occupied_thresh "
                 f"({map_file.occupied_thresh:g}): no cell would be unknown, lower it"
             )
         return map_file
+
+
+def _refused(problem: Mapping[str, Any]) -> str:
+    """Return pydantic's error about a field in words."""
     path = problem["loc"]
     if problem["type"] in ("missing", "model_type") and len(path) < 2:
         fields = MapFile.model_fields.items()
         names = ", ".join(name for name, field in fields if field.is_required())
-        raise ApplrError(f"the file is no map: give one with {names}, as map_saver writes it")
+        return f"the file is no map: give one with {names}, as map_saver writes it"
     place = ".".join(map(str, path))
-    raise ApplrError(f"{place} is {shown(problem['input'])}: {remedy_of(problem)}")
+    return f"{place} is {shown(problem['input'])}: {remedy_of(problem)}"
 
 
 def read_pixels(path: str) -> NDArray[np.uint8]:

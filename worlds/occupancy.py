@@ -5,7 +5,7 @@ The simulated robot on ROS publishes the grid.
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from typing import Tuple
 
 import numpy as np
@@ -42,10 +42,16 @@ def occupancy(world: World, resolution: float) -> Grid:
     centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     # Block by block, because the distances of all cells from all cylinders would take gigabytes.
-    standing = dataclasses.replace(world, movers=())
-    blocks = np.array_split(centres, BLOCKS)
-    distances = np.concatenate([clearance(standing, block) for block in blocks])
-    is_occupied = distances <= 0.5 * resolution
+    # Farther cylinders than these occupy no cell of a block.
+    _, cylinder_y, radius = world.cylinders.T
+    reach = radius + resolution
+    distances = []
+    for block in np.array_split(centres, min(BLOCKS, len(centres))):
+        _, cell_y = block.T
+        is_near = (cylinder_y + reach >= cell_y.min()) & (cylinder_y - reach <= cell_y.max())
+        near_world = replace(world, cylinders=world.cylinders[is_near])
+        distances.append(clearance(near_world, block))
+    is_occupied = np.concatenate(distances) <= 0.5 * resolution
     cells = np.where(is_occupied, OCCUPIED, 0).astype(np.int8)
     return Grid(cells.reshape(row_count, column_count), resolution, (origin_x, origin_y, 0.0))
 

@@ -35,8 +35,8 @@ def parse(path: str) -> Element:
         return root
 
 
-def numbers(text: Optional[str], count: int, element: str) -> List[float]:
-    """Return `count` finite numbers from an element's text.
+def numbers(text: Optional[str], count: int, element: str, rows: bool = False) -> List[float]:
+    """Return `count` finite numbers from an element's text, or some times as many in `rows`.
 
     `element` names the element in the message.
     """
@@ -45,7 +45,10 @@ def numbers(text: Optional[str], count: int, element: str) -> List[float]:
         parsed_numbers = [float(word) for word in words]
     except ValueError:
         parsed_numbers = []
-    if len(parsed_numbers) != count or not all(map(math.isfinite, parsed_numbers)):
+    has_count = len(parsed_numbers) == count
+    if rows:
+        has_count = bool(parsed_numbers) and len(parsed_numbers) % count == 0
+    if not has_count or not all(map(math.isfinite, parsed_numbers)):
         given_text = shown(" ".join(words))
         raise ApplrError(f"{element} is {given_text}: give {count} finite numbers")
     return parsed_numbers

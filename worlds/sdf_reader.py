@@ -43,39 +43,34 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
         FileError: The file cannot be read or has no course.
     """
     with reading(path):
-        return _world(path, points)
+        world_name, _ = os.path.splitext(os.path.basename(path))
+        root = parse(path)
+        element: Optional[Element] = root
+        if root.tag != "world":
+            element = root.find("world")
+        if element is None:
+            raise ApplrError("the file contains no <world>; give a Gazebo world file")
+        reader = _Reader(path)
+        reader.read(element)
 
+        cylinders = as_array(reader.cylinders, 3)
+        movers = tuple(reader.movers)
+        stored_course = element.find(f"{{{NAMESPACE}}}course")
+        if points is not None:
+            world_course = course_files.along(points)
+        elif stored_course is not None:
+            world_course = course_files.from_element(stored_course)
+        else:
+            world_course = course_files.beside(path, cylinders, movers)
 
-def _world(path: str, points: Optional[Array]) -> World:
-    """Return the world of a file. The arguments and errors are those of `read_world`."""
-    world_name, _ = os.path.splitext(os.path.basename(path))
-    root = parse(path)
-    element: Optional[Element] = root
-    if root.tag != "world":
-        element = root.find("world")
-    if element is None:
-        raise ApplrError("the file contains no <world>; give a Gazebo world file")
-    reader = _Reader(path)
-    reader.read(element)
-
-    cylinders = as_array(reader.cylinders, 3)
-    movers = tuple(reader.movers)
-    stored_course = element.find(f"{{{NAMESPACE}}}course")
-    if points is not None:
-        world_course = course_files.along(points)
-    elif stored_course is not None:
-        world_course = course_files.from_element(stored_course)
-    else:
-        world_course = course_files.beside(path, cylinders, movers)
-
-    # Low boxes are obstacles, except for the floor slabs on which the robot stands at the start.
-    x, y, _ = world_course.start
-    boxes = list(reader.boxes)
-    for slab in reader.low_boxes:
-        slab_x, slab_y, yaw, size_x, size_y = slab
-        if outside_box(x - slab_x, y - slab_y, yaw, size_x, size_y) != (0.0, 0.0):
-            boxes.append(slab)
-    return World(world_name, cylinders, as_array(boxes, 5), world_course, movers)
+        # Low boxes are obstacles, except for floor slabs on which the robot stands at the start.
+        x, y, _ = world_course.start
+        boxes = list(reader.boxes)
+        for slab in reader.low_boxes:
+            slab_x, slab_y, yaw, size_x, size_y = slab
+            if outside_box(x - slab_x, y - slab_y, yaw, size_x, size_y) != (0.0, 0.0):
+                boxes.append(slab)
+        return World(world_name, cylinders, as_array(boxes, 5), world_course, movers)
 
 
 def as_array(shapes: List[Shape], columns: int) -> Array:
@@ -192,7 +187,7 @@ class _Reader:
     ) -> None:
         """Add the outline of a shape at a pose (4, 4) to the obstacles of its kind."""
         shape_reader = SHAPES[element.tag]
-        sizes: List[float] = []
+        sizes = []
         for tag in shape_reader.tags:
             size_text = element.findtext(tag)
             sizes += numbers(size_text, shape_reader.numbers_per_tag, f"{tag}, {title}")

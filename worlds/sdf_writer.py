@@ -52,7 +52,7 @@ def write(world: World, path: str) -> None:
 
 def text(world: World) -> str:
     """Return the text of the .world file. Numbers are written without loss of precision."""
-    model_texts: List[str] = []
+    model_texts = []
     for number, (x, y, radius) in enumerate(world.cylinders.tolist()):
         model_texts.append(_model(f"cylinder_{number}", x, y, _cylinder(radius)))
     for number, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
@@ -99,6 +99,8 @@ def _waypoints(mover: Mover) -> str:
         attributes += f' length="{mover.length!r}"'
     if not mover.repeat:
         attributes += ' repeat="0"'
+    if mover.looks:
+        attributes += ' looks="1"'
     frames_text = " ".join(_row(frame) for frame in mover.waypoints)
     return f"\n      <applr:waypoints{attributes}>{frames_text}</applr:waypoints>"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import scipy
@@ -15,7 +15,7 @@ from applr_ros1.common.arrays import Array, Ints
 Cell = Tuple[int, int]
 Cells = NDArray[np.bool_]  # mask (rows, columns) of a grid's cells
 
-# moves (rows, columns) to a neighbouring cell, in steps of 45 degrees, and their lengths [cells]
+# moves (rows, columns) to a neighbouring cell, in steps of 45 degrees
 MOVES = (
     (0, 1),
     (1, 1),
@@ -26,7 +26,6 @@ MOVES = (
     (-1, 0),
     (-1, 1),
 )
-LENGTHS = tuple(math.hypot(row, column) for row, column in MOVES)
 ANY_MOVE = -1  # heading at the start of a path
 SHY_CELLS = 2.0  # largest distance to a blocked cell with a penalty [cells]
 SHY_COST = 5.0  # penalty of a cell beside a blocked one; it decreases with 1 / distance
@@ -74,12 +73,12 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
     """
     penalty = obstacle_penalty(free)
     row_count, column_count = free.shape
-    cost_to: Dict[Cell, float] = {start: 0.0}
+    cost_to = {start: 0.0}
     parent: Dict[Cell, Cell] = {}
-    heading: Dict[Cell, int] = {start: ANY_MOVE}  # move by which the path enters a cell
-    rank: Dict[Cell, float] = {start: 0.0}
-    discovery: Dict[Cell, int] = {start: 0}  # order of discovery, which decides ties
-    queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
+    heading = {start: ANY_MOVE}  # move by which the path enters a cell
+    rank = {start: 0.0}
+    discovery = {start: 0}  # order of discovery, which decides ties
+    queue = [(0.0, 0, start)]
     closed = set()
     while queue:
         queued_rank, _, cell = heapq.heappop(queue)
@@ -106,7 +105,7 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
             beside_in_column = next_row, cell_column
             if not free[beside_in_row] and not free[beside_in_column]:
                 continue  # A diagonal move must not pass between two blocked corners.
-            cost = cost_to[cell] + LENGTHS[move]
+            cost = cost_to[cell] + math.hypot(row_step, column_step)
             # A cell that is discovered has no heuristic yet (second deviation from A*).
             if next_cell not in cost_to:
                 discovery[next_cell] = len(discovery)
@@ -134,13 +133,13 @@ def grid_graph(free: Cells) -> Any:
     lengths = []
     origins = []
     targets = []
-    for (row_step, column_step), length in zip(MOVES, LENGTHS):
+    for row_step, column_step in MOVES:
         # A diagonal move passes one of the two cells beside it, as in barn_path.
         beside_in_row = cell_indices + column_step
         beside_in_column = cell_indices + row_step * free.shape[1]
         target_cells = beside_in_column + column_step
         is_passable = is_free[target_cells] & (is_free[beside_in_column] | is_free[beside_in_row])
-        lengths.append(np.full(is_passable.sum(), length))
+        lengths.append(np.full(is_passable.sum(), math.hypot(row_step, column_step)))
         origins.append(cell_indices[is_passable])
         targets.append(target_cells[is_passable])
     edge_ends = (np.concatenate(origins), np.concatenate(targets))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +42,15 @@ class Mover:
         length: Duration of the animation [s]; 0 means the time of the last key frame.
         repeat: Whether the animation starts again after `length` seconds. Otherwise the cylinder
             stays at its end.
+        looks: Whether it waits for a robot in its way, or goes round it, as somebody who looks
+            where he walks (sim_bridge/passers_by.py).
     """
 
     radius: float
     waypoints: Tuple[KeyFrame, ...]
     length: float = 0.0
     repeat: bool = True
+    looks: bool = False
 
     def __post_init__(self) -> None:
         if not self.length:
@@ -56,7 +59,7 @@ class Mover:
 
     def position(self, time: float) -> Point:
         """Return the centre (x, y) [m] at a time >= 0 [s]."""
-        x, y, _ = _circles_at(time, *_animation((self,)))[0].tolist()
+        x, y, _ = _circles_at(np.array([time]), *_animation((self,)))[0].tolist()
         return x, y
 
 
@@ -95,8 +98,8 @@ def _tangents(points: Array) -> Array:
 
 
 @kernel
-def _circles_at(time: float, frames: Array, cylinders: Array) -> Array:
-    """Return the circles (k, 3) x, y, radius [m] of _animation() at a time >= 0 [s].
+def _circles_at(times: Array, frames: Array, cylinders: Array) -> Array:
+    """Return the circles (k, 3) x, y, radius [m] of _animation() at times (k,) >= 0 [s].
 
     As gazebo::common::Animation::GetKeyFramesAtTime does, a key frame at exactly this time is
     returned without interpolation.
@@ -105,9 +108,9 @@ def _circles_at(time: float, frames: Array, cylinders: Array) -> Array:
     first = 0
     for index in range(len(cylinders)):
         radius, length, repeats, count = cylinders[index]
-        moment = min(time, length)
+        moment = min(times[index], length)
         if repeats:
-            moment = np.fmod(time, length)
+            moment = np.fmod(times[index], length)
         row = first
         last = first + int(count) - 1
         while row < last and frames[row, 0] < moment:
@@ -183,7 +186,7 @@ class Course:
         distance = math.hypot(goal_x - x, goal_y - y)
         return max(0.0, distance - self.goal_tolerance)
 
-    @property
+    @cached_property
     def route_m(self) -> float:
         """Length of the reference route [m]: start, reference path, finish line or goal.
 
@@ -283,19 +286,20 @@ class World:
         """Animations of all movers, prepared once."""
         return _animation(self.movers)
 
-    def mover_circles(self, time: float) -> Array:
-        """Return the moving cylinders (k, 3) x, y, radius [m] at a time >= 0 [s]."""
+    def mover_circles(self, times: Union[float, Array]) -> Array:
+        """Return the moving cylinders (k, 3) x, y, radius [m] at a time >= 0 [s], or times (k,)."""
         if not self.movers:
             return _NO_CIRCLES
-        return _circles_at(time, *self._animation)
+        return _circles_at(np.full(len(self.movers), times, np.float64), *self._animation)
 
 
-def clearance(world: World, points: Array, time: float = 0.0) -> Array:
-    """Return the distance (n,) [m] from points (n, 2) to the nearest surface at `time` [s].
+def clearance(world: World, points: Array, movers: Array = _NO_CIRCLES) -> Array:
+    """Return the distance (n,) [m] from points (n, 2) to the nearest surface.
 
-    The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles.
+    The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles. `movers`
+    (k, 3) are further circles x, y, radius [m].
     """
-    cylinders = np.vstack([world.cylinders, world.mover_circles(time)])
+    cylinders = np.vstack([world.cylinders, movers])
     centre_x, centre_y, radius = cylinders.T
     points_x, points_y = points.T
     dx = points_x[:, np.newaxis] - centre_x

@@ -11,6 +11,8 @@ from typing import Any, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
+
 Quaternion = Tuple[float, float, float, float]  # x, y, z, w
 Pose = Tuple[float, float, float]
 # Velocity of a base, measured or commanded: forward v [m/s] and turn rate w [rad/s]
@@ -40,6 +42,12 @@ def yaw_of(q: Any) -> float:
     return math.atan2(sine, cosine)
 
 
+def yaws_of(quaternions: Any) -> Any:
+    """Return the yaws (n,) of quaternions (n, 4) x, y, z, w, as yaw_of()."""
+    x, y, z, w = np.transpose(quaternions)
+    return np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+
+
 def quaternion_of(yaw: float) -> Quaternion:
     """Return the unit quaternion (x, y, z, w) of a rotation about z."""
     half_yaw = 0.5 * yaw
@@ -59,7 +67,7 @@ def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
     return parent_x, parent_y
 
 
-def transform_motions(pose: Pose, motions: np.ndarray) -> np.ndarray:
+def transform_motions(pose: Pose, motions: Array) -> Array:
     """Transform points that move from the frame at `pose` to its parent frame, which stands still.
 
     motions: (n, 4) x, y [m], vx, vy [m/s].

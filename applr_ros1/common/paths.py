@@ -7,14 +7,13 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 
 
-def distances(points: np.ndarray, others: np.ndarray) -> Array:
+def distances(points: Array, others: Array) -> Array:
     """Return the distances [m] of points (..., 2) from other points, whose shapes broadcast."""
     offsets = points - others
-    lengths: Array = np.hypot(offsets[..., 0], offsets[..., 1])
-    return lengths
+    return np.hypot(offsets[..., 0], offsets[..., 1])
 
 
-def step_lengths(points: np.ndarray) -> Array:
+def step_lengths(points: Array) -> Array:
     """Return the distances (n - 1,) [m] from each of the points (n, 2) to the next one."""
     return distances(points[1:], points[:-1])
 

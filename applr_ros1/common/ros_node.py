@@ -107,6 +107,6 @@ def policy_status() -> str:
 
 def command_topic(robot_topic: str) -> str:
     """Return the topic of commands to the base: the robot's, unless cmd_vel is remapped."""
-    name_before: str = rosgraph.names.resolve_name("cmd_vel", rospy.get_name())
+    name_before = rosgraph.names.resolve_name("cmd_vel", rospy.get_name())
     is_remapped = rospy.resolve_name("cmd_vel") != name_before
     return "cmd_vel" if is_remapped else robot_topic

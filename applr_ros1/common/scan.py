@@ -9,9 +9,10 @@ tf2. Observation sources follow costmap_2d/observation_buffer.cpp.
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, List, Optional, Tuple, Union
 
 import numpy as np
 
@@ -81,6 +82,12 @@ class LaserScan:
     def _returns(self) -> Array32:
         """What each beam has shown (n,) [m] if no return is a free beam everywhere."""
         return distances_of(self.ranges, self.range_min, self.range_max)
+
+    def placed(self, sensor_pose: Pose) -> LaserScan:
+        """Return the scan with another pose of the laser, on which no distance depends."""
+        placed_scan = copy(self)
+        placed_scan.sensor_pose = sensor_pose
+        return placed_scan
 
 
 @dataclass
@@ -195,19 +202,18 @@ def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
 
 def moved(observation: Observation, frame: Pose) -> Observation:
     """Transform an observation from the frame at the pose `frame` to that pose's parent frame."""
-    origin = observation.origin
-    if origin is not None:
-        origin = (*transform_point(frame, origin[0], origin[1]), origin[2])
-    place: Dict[str, Any] = {}
     if isinstance(observation, LaserScan):
-        place["sensor_pose"] = compose(frame, observation.sensor_pose)
+        observation = observation.placed(compose(frame, observation.sensor_pose))
     else:
         x, y, z = observation.position
-        place["position"] = (*transform_point(frame, x, y), z)
+        observation = replace(observation, position=(*transform_point(frame, x, y), z))
+    if observation.origin is not None:
+        x, y, z = observation.origin
+        observation.origin = (*transform_point(frame, x, y), z)
     # A level laser has none.
     if observation.rotation is not None:
-        place["rotation"] = _turned(observation.rotation, frame[2])
-    return replace(observation, origin=origin, **place)
+        observation.rotation = _turned(observation.rotation, frame[2])
+    return observation
 
 
 def _turned(q: Quaternion, yaw: float) -> Quaternion:
@@ -272,9 +278,11 @@ def place_cloud(cloud: SensorCloud) -> PointCloud:
     They are computed in float32 like doTransform of tf2_sensor_msgs.
     """
     points = np.array(cloud.points, dtype=np.float32).reshape(-1, 3)
-    points = points[np.isfinite(points).all(axis=1)]
-    placement = np.array(cloud.rotation + cloud.position, dtype=np.float32)
-    _place(points, *placement)
+    # Most predictions have no points.
+    if len(points):
+        points = points[np.isfinite(points).all(axis=1)]
+        placement = np.array(cloud.rotation + cloud.position, dtype=np.float32)
+        _place(points, *placement)
     x, y, z = cloud.origin or cloud.position
     return PointCloud((float(x), float(y), float(z)), points, cloud.stamp)
 

@@ -9,13 +9,14 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import reading
 
 LENGTH_BYTES = 8  # size of the header's length at the beginning of a file, little-endian
 
 
-def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
+def unpack(data: bytes, name: str) -> Tuple[Dict[str, Data], Dict[str, str]]:
     """Return (tensors, metadata) of safetensors bytes from the file `name`.
 
     Raises FileError if the bytes are invalid, or a number is not finite.

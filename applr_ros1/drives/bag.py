@@ -98,7 +98,7 @@ def drive_of(unpacked: Mapping[str, Sequence[UnpackedRow]], begin_time: int, rob
 
 def _in_seconds(row: UnpackedRow, begin_time: int) -> Row:
     """Return the values of a row, with its time and all stamps since the begin [s]."""
-    values: Row = {"time": row.time}
+    values = {"time": row.time}
     for name, value in row.values.items():
         if isinstance(value, Stamp):
             # What has no stamp is as old as its message.
@@ -167,7 +167,7 @@ def _goals(rows: Sequence[UnpackedRow]) -> List[Goal]:
     pursued: List[Goal] = []
     previous_id = ""
     running_ids: Dict[str, str] = {}
-    results_by_goal: Dict[str, UnpackedRow] = {}
+    results_by_goal = {}
     for row in rows:
         if "status" in row.values:
             results_by_goal[row.values["id"]] = row
@@ -192,7 +192,7 @@ def _goals(rows: Sequence[UnpackedRow]) -> List[Goal]:
 # -- to messages -----------------------------------------------------------------------------------
 def rows_of(drive: Drive, robot: Robot) -> List[PackedRow]:
     """Return the rows of a drive that a bag has, those of one time in the order of COLUMNS."""
-    rows: List[PackedRow] = []
+    rows = []
     for key in COLUMNS:
         for number, values in enumerate(_values_of(drive, key)):
             part = _part(drive, key, values, robot)

@@ -6,6 +6,7 @@ from typing import List, Protocol
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 
 TF_BUFFER_S = 10.0  # time for which tf keeps transforms [s]
@@ -15,8 +16,8 @@ APART_S = 1.0  # difference of stamps from which on two clocks differ [s]
 class Stamped(Protocol):
     """Messages with the times (n,) at which they came, and their stamps (n,) [s]."""
 
-    time: np.ndarray
-    stamp: np.ndarray
+    time: Array
+    stamp: Array
 
 
 def stamped_later(messages: Stamped, others: Stamped) -> float:

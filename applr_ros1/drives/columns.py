@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple
 import numpy as np
 
 from applr_ros1.common.angles import quaternion_of
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.messages import frame_of, pose_of, twist_of
 from applr_ros1.common.scan import distances_of
 from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, DriveError
@@ -261,7 +262,7 @@ def _unpack_plan(message: Any) -> List[Row]:
     return [path_row(stamp_of(message.header.stamp), frame_of(message), path)]
 
 
-def path_row(stamp: Stamp, frame: str, path: np.ndarray) -> Row:
+def path_row(stamp: Stamp, frame: str, path: Array) -> Row:
     """Return the row of a nav_msgs/Path with poses (n, 3)."""
     return {"stamp": stamp, "frame": frame, "path": path}
 
@@ -460,12 +461,16 @@ def fields_of_seen(seen: Seen, robot: Robot) -> Fields:
 
 
 def _pack_parameters(header: Fields, values: Mapping[str, float], sender: Sender) -> Fields:
+    return {"header": header, **fields_of_parameters(values, space_of(sender.robot))}
+
+
+def fields_of_parameters(values: Mapping[str, float], space: Space) -> Fields:
+    """Return the fields of msg/Parameters.msg, without its header, of values not scaled."""
     return {
-        "header": header,
         "names": list(values),
         "values": list(values.values()),
         "multipliers": [1.0] * len(values),
-        **plotted(values, space_of(sender.robot)),
+        **plotted(values, space),
     }
 
 

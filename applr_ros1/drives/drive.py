@@ -77,20 +77,6 @@ def _no_values() -> np.ndarray:
     return np.empty(0)
 
 
-def nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the indices (k,) of the stamps (n,) [s] that are nearest to times (k,) [s].
-
-    The stamps ascend. Of two equally near ones, the earlier counts.
-    """
-    if len(stamps) == 1:
-        return np.zeros(len(times), int)
-    # The stamps on both sides of each time; beyond the ends, the two last ones
-    later_rows = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
-    earlier_rows = later_rows - 1
-    is_earlier_nearer = times - stamps[earlier_rows] <= stamps[later_rows] - times
-    return np.where(is_earlier_nearer, earlier_rows, later_rows)
-
-
 @dataclass
 class Motion(Rows):
     """Poses and velocities of the robot.
@@ -113,10 +99,15 @@ class Motion(Rows):
 
     def pose_at(self, stamp: float) -> Pose:
         """Return the pose (x, y, yaw) [m, m, rad] at a time [s], between the poses around it."""
-        x = float(np.interp(stamp, self.stamp, self.pose[:, 0]))
-        y = float(np.interp(stamp, self.stamp, self.pose[:, 1]))
-        yaw = float(np.interp(stamp, self.stamp, self._yaws))
+        x, y, yaw = self.poses_at(stamp).tolist()
         return x, y, yaw
+
+    def poses_at(self, stamps: Any) -> np.ndarray:
+        """Return the poses (n, 3) at times (n,) [s], between the poses around them."""
+        x = np.interp(stamps, self.stamp, self.pose[:, 0])
+        y = np.interp(stamps, self.stamp, self.pose[:, 1])
+        yaw = np.interp(stamps, self.stamp, self._yaws)
+        return np.stack([x, y, yaw], axis=-1)
 
     @cached_property
     def _yaws(self) -> np.ndarray:
@@ -225,6 +216,18 @@ class Plans(Rows):
     """
 
     path: List[np.ndarray]
+
+    @property
+    def ends(self) -> Tuple[List[float], List[Pose]]:
+        """Times [s] and last poses of the plans that have poses."""
+        times = []
+        ends = []
+        for time, plan_path in zip(self.time.tolist(), self.path):
+            if len(plan_path):
+                x, y, yaw = plan_path[-1].tolist()
+                times.append(time)
+                ends.append((x, y, yaw))
+        return times, ends
 
 
 @dataclass

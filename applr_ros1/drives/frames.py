@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Dict, List, NamedTuple, Optional
 
 import numpy as np
 
+from applr_ros1.common.angles import yaws_of
+from applr_ros1.common.arrays import Array
 from applr_ros1.drives.drive import Transforms
 
 if TYPE_CHECKING:
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 NO_TURN = (0.0, 0.0, 0.0, 1.0)  # quaternion of no rotation
 
 
-def rotations(quaternions: np.ndarray) -> Rotation:
+def rotations(quaternions: Array) -> Rotation:
     """Return the rotations of quaternions (n, 4) x, y, z, w."""
     # The import takes half a second, and only bags with tf need it.
     from scipy.spatial.transform import Rotation
@@ -30,18 +32,13 @@ class FramePlacements(NamedTuple):
         rotation: n rotations.
     """
 
-    position: np.ndarray
+    position: Array
     rotation: Rotation
 
     @property
-    def planar(self) -> np.ndarray:
-        """Poses (n, 3) x, y [m], yaw [rad], the yaw as in common.angles.yaw_of."""
-        x, y, z, w = self.rotation.as_quat().T
-        # Sine and cosine of the yaw, both multiplied by the cosine of the pitch
-        sine = 2.0 * (x * y + w * z)
-        cosine = w * w + x * x - y * y - z * z
-        yaw = np.arctan2(sine, cosine)
-        return np.column_stack([self.position[:, :2], yaw])
+    def planar(self) -> Array:
+        """Poses (n, 3) x, y [m], yaw [rad]."""
+        return np.column_stack([self.position[:, :2], yaws_of(self.rotation.as_quat())])
 
     def compose(self, inner: FramePlacements) -> FramePlacements:
         """Return the places of a frame that `inner` places in this one."""
@@ -86,7 +83,7 @@ class Link:
         signs = np.cumprod(np.concatenate([[1.0], changes_of_sign]))
         quaternions *= signs[:, None]
 
-    def at(self, stamps: np.ndarray) -> FramePlacements:
+    def at(self, stamps: Array) -> FramePlacements:
         """Return the places at some times (n,) [s], interpolated.
 
         Outside of the record, the nearest one holds.
@@ -99,7 +96,7 @@ class Link:
         return FramePlacements(places[:, :3], rotations(places[:, 3:]))
 
 
-class Tree:
+class FrameTree:
     """Frames and their links."""
 
     def __init__(self, transforms: Optional[Transforms]):
@@ -112,7 +109,7 @@ class Tree:
         for child, rows in rows_by_child.items():
             self._links[child] = Link(transforms, rows)
 
-    def place(self, outer: str, inner: str, stamps: np.ndarray) -> Optional[FramePlacements]:
+    def place(self, outer: str, inner: str, stamps: Array) -> Optional[FramePlacements]:
         """Return the places of the frame `inner` in `outer` at some times (n,) [s].
 
         None if no links connect the frames.
@@ -164,7 +161,7 @@ class Tree:
             frames.append(frame)
         return frames
 
-    def _below(self, outer: str, inner: str, stamps: np.ndarray) -> FramePlacements:
+    def _below(self, outer: str, inner: str, stamps: Array) -> FramePlacements:
         """Return the places of a frame in one of those above it."""
         time_count = len(stamps)
         # From the inner frame itself upwards, one link after the other

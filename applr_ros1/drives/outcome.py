@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.drives.contact import contact_speed
 from applr_ros1.drives.drive import ABORTED, FLIPPED, REACHED, TIMED_OUT, Drive, Goal
 
@@ -52,7 +53,7 @@ class Outcome:
         contact_speed: True speed at the first contact of the trial [m/s]; NaN without one.
     """
 
-    theta: np.ndarray
+    theta: Array
     progress: float = 0.0
     progress_y: float = 0.0
     last_scan_min: float = math.inf
@@ -102,7 +103,7 @@ def outcome_of(
     drive: Drive,
     goal: Goal,
     leg: Leg,
-    theta: np.ndarray,
+    theta: Array,
     decisions: int,
     *,
     body_width: float,
@@ -215,7 +216,7 @@ def progress(
     return progress_to_goal, driven_y
 
 
-def nearest(ranges: np.ndarray, lowest: float) -> float:
+def nearest(ranges: Array32, lowest: float) -> float:
     """Return d(o), the smallest range [m], or inf if there is no return.
 
     It is at least `lowest`: a range of -inf is too near to measure.

@@ -14,6 +14,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import transform_point
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.pages.colors import color_indices
 from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.contact import contact_in_words, contact_speed
@@ -62,7 +63,7 @@ def page(
     verdict: str,
     methods: Sequence[str],
     space: Space,
-    outline: np.ndarray,
+    outline: Array,
     scenes: Sequence[PageScene],
     marked: bool = False,
     back: str = "",
@@ -95,7 +96,7 @@ def page(
     return Page(page_kind, title, verdict, SCRIPTS, values, back, measured).html()
 
 
-def verdict_of(drive: Drive, world: World, outline: np.ndarray, begins: float = 0.0) -> str:
+def verdict_of(drive: Drive, world: World, outline: Array, begins: float = 0.0) -> str:
     """Return in a sentence how a drive ended, its length, and the distance of the nearest obstacle.
 
     Args:
@@ -123,7 +124,7 @@ def contact_note(drive: Drive) -> str:
     return f", {contact_in_words(contact_speed(drive))}"
 
 
-def nearest_obstacle(drive: Drive, world: World, outline: np.ndarray, begins: float) -> float:
+def nearest_obstacle(drive: Drive, world: World, outline: Array, begins: float) -> float:
     """Return the smallest distance [m] between the robot's outline and an obstacle, at least 0."""
     poses, _ = sampled(drive)
     edges = edge_points(outline)
@@ -131,7 +132,7 @@ def nearest_obstacle(drive: Drive, world: World, outline: np.ndarray, begins: fl
     for index, (x, y, yaw) in enumerate(poses.tolist()):
         outline_points = np.column_stack(transform_point((x, y, yaw), *edges.T))
         world_time = begins + POSE_PERIOD_S * index
-        distances = clearance(world, outline_points, world_time)
+        distances = clearance(world, outline_points, world.mover_circles(world_time))
         nearest_distance = min(nearest_distance, float(distances.min()))
     return max(nearest_distance, 0.0)
 
@@ -214,7 +215,7 @@ def _drive(shown: Shown) -> Dict[str, Any]:
     drive = shown.drive
     goal = drive.goals[-1]
     poses, speeds = sampled(drive)
-    values: Dict[str, Any] = {
+    values = {
         "m": shown.method,
         "k": shown.trial,
         "t": round(goal.end - goal.begin, 1),
@@ -244,23 +245,18 @@ def _short(parameters: Mapping[str, float]) -> List[float]:
     return [float(f"{value:.{DIGITS}g}") for value in parameters.values()]
 
 
-def sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
+def sampled(drive: Drive) -> Tuple[Array, Array]:
     """Return poses (n, 3) and speeds (n,) of a drive, one per POSE_PERIOD_S and the last one."""
     motion = drive.require(Driven).truth
     begin_time = motion.time[0]
     end_time = motion.time[-1]
     regular_times = np.arange(begin_time, end_time, POSE_PERIOD_S)
     times = np.unique(np.append(regular_times, end_time))
-    x = np.interp(times, motion.time, motion.pose[:, 0])
-    y = np.interp(times, motion.time, motion.pose[:, 1])
-    yaw = np.interp(times, motion.time, np.unwrap(motion.pose[:, 2]))
     speeds = np.interp(times, motion.time, motion.twist[:, 0])
-    return np.column_stack([x, y, yaw]), speeds
+    return motion.poses_at(times), speeds
 
 
-def _near(
-    obstacles: np.ndarray, radius: np.ndarray, lowest: np.ndarray, highest: np.ndarray
-) -> np.ndarray:
+def _near(obstacles: Array, radius: Array, lowest: Array, highest: Array) -> Array:
     """Return the obstacles within ASIDE_M of the box from `lowest` to `highest`.
 
     Args:

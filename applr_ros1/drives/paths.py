@@ -11,6 +11,8 @@ from typing import Optional
 
 import numpy as np
 
+from applr_ros1.common.angles import yaws_of
+from applr_ros1.common.arrays import Array
 from applr_ros1.drives.columns import SECOND, Row, Stamp, path_row
 
 # MD5 sum of the definition of nav_msgs/Path, by which a bag tells that it has no other definition.
@@ -50,7 +52,7 @@ def path_of(raw: bytes) -> Optional[Row]:
     return path_row(stamp, frame, poses)
 
 
-def _poses(body: bytes, count: int) -> Optional[np.ndarray]:
+def _poses(body: bytes, count: int) -> Optional[Array]:
     """Return the poses (n, 3) of serialised PoseStamped messages whose frames are equally long."""
     frame_length = int.from_bytes(body[HEAD_BYTES - COUNT_BYTES : HEAD_BYTES], "little")
     message_layout = _layout(frame_length)
@@ -60,15 +62,8 @@ def _poses(body: bytes, count: int) -> Optional[np.ndarray]:
     # Frames of different lengths may add up to the same number of bytes.
     if (messages["length"] != frame_length).any():
         return None
-    x, y, _, qx, qy, qz, qw = messages["pose"].T
-    # Yaw as in common.angles.yaw_of.
-    sine = 2.0 * (qx * qy + qw * qz)
-    cosine = qw * qw + qx * qx - qy * qy - qz * qz
-    poses = np.empty((count, 3))
-    poses[:, 0] = x
-    poses[:, 1] = y
-    np.arctan2(sine, cosine, out=poses[:, 2])
-    return poses
+    numbers = messages["pose"]  # (n, 7) x, y, z and a quaternion x, y, z, w
+    return np.column_stack([numbers[:, :2], yaws_of(numbers[:, 3:])])
 
 
 @lru_cache(maxsize=8)

@@ -7,10 +7,11 @@ from typing import NamedTuple, Optional
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import APART_S, stamped_later
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
-from applr_ros1.drives.frames import FramePlacements, Link, Tree
+from applr_ros1.drives.frames import FramePlacements, FrameTree, Link
 
 
 class Apart(NamedTuple):
@@ -33,7 +34,7 @@ class PlacedBase(NamedTuple):
 
     link: Link
     later: float
-    by_link: np.ndarray
+    by_link: Array
     from_topic: Optional[Apart]
 
 
@@ -45,8 +46,8 @@ class RouteFrame(NamedTuple):
         at_routes: (m, 3) poses at the times of the plans.
     """
 
-    at_commands: np.ndarray
-    at_routes: np.ndarray
+    at_commands: Array
+    at_routes: Array
 
 
 class Places(NamedTuple):
@@ -76,7 +77,7 @@ def places_of(drive: Drive, planned: Commands, odometry: Motion, scans: Scans, b
         scans: Its scans.
         base: Frame of the robot's base.
     """
-    tree = Tree(drive.transforms)
+    tree = FrameTree(drive.transforms)
     (laser_frame,) = drive.frames["scans"]
     (topic_frame,) = drive.frames["odometry"]
     return Places(
@@ -87,7 +88,7 @@ def places_of(drive: Drive, planned: Commands, odometry: Motion, scans: Scans, b
     )
 
 
-def route_frame(drive: Drive, tree: Tree, planned: Commands) -> Optional[RouteFrame]:
+def route_frame(drive: Drive, tree: FrameTree, planned: Commands) -> Optional[RouteFrame]:
     """Return the frame of the global planner's plans (Places.routes)."""
     routes = drive.routes
     if routes is None:
@@ -103,7 +104,7 @@ def route_frame(drive: Drive, tree: Tree, planned: Commands) -> Optional[RouteFr
 
 
 def _placed_base(
-    tree: Tree, odometry: Motion, topic_frame: str, frame: str, base: str
+    tree: FrameTree, odometry: Motion, topic_frame: str, frame: str, base: str
 ) -> Optional[PlacedBase]:
     """Return where tf has the base, as Costmap2DROS::getRobotPose does, or None if it does not."""
     link = tree.busiest(frame, base)
@@ -124,7 +125,7 @@ def _placed_base(
     )
 
 
-def _apart(poses: np.ndarray, others: np.ndarray) -> Apart:
+def _apart(poses: Array, others: Array) -> Apart:
     """Return how far poses (n, 3) are from others (n, 3) at most."""
     turned_angles = normalize_angle_modulo(poses[:, 2] - others[:, 2])
     return Apart(

@@ -13,7 +13,6 @@ from typing import (
     Any,
     Callable,
     Collection,
-    DefaultDict,
     Dict,
     Iterable,
     Iterator,
@@ -160,7 +159,7 @@ def drive_from(messages: Sequence[Received], robot: Robot, is_one: bool = False)
     robot_time = RobotTime([_stamped(messages, sensor) for sensor in SENSORS])
     first_time = min((message.recording_time for message in messages), default=0)
     begin_time = robot_time.of(first_time)
-    unpacked: DefaultDict[str, List[UnpackedRow]] = defaultdict(list)
+    unpacked = defaultdict(list)
     for message in messages:
         elapsed = (robot_time.of(message.recording_time) - begin_time) / SECOND
         column = column_of(message.key)

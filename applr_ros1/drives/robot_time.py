@@ -6,7 +6,7 @@ A recorder has a clock of its own. Beside `rosbag play -r 0.5`, or beside a slow
 
 from __future__ import annotations
 
-from typing import Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ AGREE_S = 0.5
 # single messages would count.
 STEP_S = 1.0
 SAME_LENGTH = 1.05  # ratio of two durations up to which they are not told apart
-BEYOND_NS = 10_000 * SECOND  # time before and after these messages in which others may lie [ns]
 
 RecordedStamp = Tuple[int, int]  # recording time and stamp of a message [ns]
 
@@ -38,37 +37,31 @@ class RobotTime:
 
     def __init__(self, sensors: Sequence[Sequence[RecordedStamp]]):
         self.note = ""
-        self._recorded = np.zeros(0, np.int64)
-        self._stamps = np.zeros(0, np.int64)
+        self._first: RecordedStamp = (0, 0)  # message from which times are counted
+        self._elapsed: Optional[Callable[[int], Any]] = None  # stamp of a recording time since then
         sensors_with_stamps = [messages for messages in sensors if messages]
         if not sensors_with_stamps or any(map(_agrees, sensors_with_stamps)):
             return
+        # The import takes half a second, and only bags with two clocks need it.
+        from scipy.interpolate import interp1d
+
         first_sensor = sensors_with_stamps[0]
-        recorded, stamps = np.array(_steps(first_sensor), np.int64).T
+        steps = _steps(first_sensor)
+        self._first = steps[0]
+        # Differences to the first one, because float64 does not hold all nanoseconds since 1970
+        recorded, stamps = (np.array(steps, np.int64) - self._first).T
+        if len(steps) == 1:
+            recorded, stamps = np.array([(0, SECOND), (0, SECOND)])
         # The time goes on as at the begin, and as at the end.
-        first_rate = 1.0
-        last_rate = 1.0
-        if len(stamps) > 1:
-            rates = np.diff(stamps) / np.diff(recorded)
-            first_rate = float(rates[0])
-            last_rate = float(rates[-1])
-        before = recorded[0] - BEYOND_NS, stamps[0] - round(first_rate * BEYOND_NS)
-        after = recorded[-1] + BEYOND_NS, stamps[-1] + round(last_rate * BEYOND_NS)
-        self._recorded = np.concatenate([[before[0]], recorded, [after[0]]])
-        self._stamps = np.concatenate([[before[1]], stamps, [after[1]]])
+        self._elapsed = interp1d(recorded, stamps, fill_value="extrapolate")
         self.note = _note(first_sensor)
 
     def of(self, recording_time: int) -> int:
         """Return the robot's time [ns] of a recording time [ns]."""
-        if not len(self._stamps):
+        if self._elapsed is None:
             return recording_time
-        # Differences to the first one, because float64 does not hold all nanoseconds since 1970
-        elapsed = np.interp(
-            float(recording_time - self._recorded[0]),
-            (self._recorded - self._recorded[0]).astype(np.float64),
-            (self._stamps - self._stamps[0]).astype(np.float64),
-        )
-        return int(self._stamps[0]) + round(float(elapsed))
+        first_recorded, first_stamp = self._first
+        return first_stamp + round(float(self._elapsed(recording_time - first_recorded)))
 
 
 def _agrees(messages: Sequence[RecordedStamp]) -> bool:
@@ -78,7 +71,7 @@ def _agrees(messages: Sequence[RecordedStamp]) -> bool:
     return usual_difference <= AGREE_S * SECOND
 
 
-def _steps(messages: Sequence[RecordedStamp]) -> Sequence[RecordedStamp]:
+def _steps(messages: Sequence[RecordedStamp]) -> List[RecordedStamp]:
     """Return the first message, and each that is stamped STEP_S later than the one before.
 
     Times after a jump back are not known: they go on as before it.

@@ -14,6 +14,7 @@ from typing import Iterator, Optional
 import numpy as np
 
 from applr_ros1.common.angles import Twist, inverse
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Decision, Drive, Goal, SentGoal
 from applr_ros1.drives.end_rules import CourseEnd, Destination, Rules
@@ -52,14 +53,15 @@ def drive(
         rules: Rules that end the course.
         record: Whether the drive has all columns (CourseDrive).
     """
-    if pilot is None:
-        course_drive = CourseDrive(simulated, world, seed, rules, record=record)
-    else:
+    period = PERIOD_S
+    theta = None
+    if pilot is not None:
         pilot.begin(seed)
+        period = pilot.period
         theta = pilot.defaults().theta
-        course_drive = CourseDrive(
-            simulated, world, seed, rules, period=pilot.period, theta=theta, record=record
-        )
+    course_drive = CourseDrive(
+        simulated, world, seed, rules, period=period, theta=theta, record=record
+    )
     for _ in course_drive.legs(pilot):
         pass
     return course_drive.drive
@@ -114,7 +116,7 @@ class CourseDrive:
         rules: Rules = Rules(),
         *,
         period: float = PERIOD_S,
-        theta: Optional[np.ndarray] = None,
+        theta: Optional[Array] = None,
         record: bool = False,
     ):
         self.simulated = simulated
@@ -221,7 +223,7 @@ class CourseDrive:
                 self.decide(choice.theta, choice.clears_costmaps)
             yield self.advance()
 
-    def decide(self, theta: np.ndarray, clears_costmaps: bool = False) -> None:
+    def decide(self, theta: Array, clears_costmaps: bool = False) -> None:
         """Set parameters theta (n,) for the next decision period.
 
         Args:
@@ -231,19 +233,10 @@ class CourseDrive:
         self._check_on_its_way()
         if clears_costmaps:
             self.simulated.stack.move_base.clear_costmaps()
-        seen = self.seen
-        values_before = self._space.as_dict(self.theta)
+        inputs = self._inputs()
         self.theta = self.apply(theta)
-        decision = Decision(
-            goal=self._goal.id,
-            time=self.seconds,
-            scan_time=self.seconds,
-            before=values_before,
-            after=self._space.as_dict(self.theta),
-            seen=seen,
-            cleared=clears_costmaps,
-        )
-        self._recorder.decisions.append(decision)
+        values = self._space.as_dict(self.theta)
+        self._recorder.decisions.append(inputs._replace(after=values, cleared=clears_costmaps))
 
     def advance(self) -> Leg:
         """Drive one decision period, or less if the course ends, and return this part."""
@@ -264,7 +257,7 @@ class CourseDrive:
         if self._has_planner:
             self._look(self.simulated.look(), self.simulated.stack.move_base.global_plan)
         if self.has_ended and self._is_decided:
-            self._record_end()
+            self._recorder.ends.append(self._inputs())
         return self.leg
 
     def _check_on_its_way(self) -> None:
@@ -284,7 +277,7 @@ class CourseDrive:
             recorder.contacts.append(self.seconds)
         self._end(self.rules.judge(tick, self._destination))
 
-    def apply(self, theta: np.ndarray) -> np.ndarray:
+    def apply(self, theta: Array) -> Array:
         """Set parameters theta (n,), and return the resulting values.
 
         They go through the same reconfigure servers as over ROS.
@@ -314,16 +307,16 @@ class CourseDrive:
             end=self.seconds, status=course_end.status, reason=course_end.reason
         )
 
-    def _look(self, ranges: np.ndarray, plan: np.ndarray) -> None:
+    def _look(self, ranges: Array32, plan: Array) -> None:
         """Take the scan (beams,) [m] and the plan of the next decision."""
         self._scanned = ranges
         self._plan = plan
         smallest_range = nearest(ranges, self.simulated.robot.laser.range_min)
         self._recorder.add_row("observed", self.seconds, nearest=smallest_range)
 
-    def _record_end(self) -> None:
-        """Record what a decision at the end of the course would see."""
-        decision = Decision(
+    def _inputs(self) -> Decision:
+        """Return what a decision sees now, without what it decides."""
+        return Decision(
             goal=self._goal.id,
             time=self.seconds,
             scan_time=self.seconds,
@@ -331,7 +324,6 @@ class CourseDrive:
             after={},
             seen=self.seen,
         )
-        self._recorder.ends.append(decision)
 
     def _record_planner(self, tick: Tick) -> None:
         """Record what outcomes and pictures do not need."""

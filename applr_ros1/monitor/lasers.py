@@ -80,9 +80,7 @@ class Lasers:
 
     def __init__(self, settings: MonitorSettings, more_topics: Iterable[str]):
         self._settings = settings
-        self._lasers = [WatchedLaser(settings, "")]
-        for topic in more_topics:
-            self._lasers.append(WatchedLaser(settings, topic))
+        self._lasers = [WatchedLaser(settings, topic) for topic in ("", *more_topics)]
 
     def __iter__(self) -> Iterator[WatchedLaser]:
         return iter(self._lasers)

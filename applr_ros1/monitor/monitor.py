@@ -21,6 +21,7 @@ from applr_ros1.monitor.motion import SPAN_S, PoseMotion
 from applr_ros1.monitor.moving import (
     NO_DISCS,
     ON_MOVER_M,
+    BodyPose,
     Discs,
     tracked_discs,
     without_movers,
@@ -257,7 +258,7 @@ class CollisionMonitor:
                     "the scan shows another place than the previous scan: "
                     "check that one robot publishes it"
                 )
-        scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
+        scan = scan.placed(self.matcher.corrected(scan.sensor_pose))
 
         # Forgotten points become unknown cells, unless the scan shows them: hence before the
         # update.
@@ -459,7 +460,7 @@ class CollisionMonitor:
             if laser.stamp is None:
                 continue
             age = stamp - laser.stamp
-            if len(laser.movers.x):
+            if len(laser.movers.x) and self.settings.passive_safety:
                 acceleration = self.settings.mover_acceleration
                 planes = self._body.planes
                 discs.append(tracked_discs(laser.movers, planes, pose, age, acceleration))
@@ -483,7 +484,9 @@ class CollisionMonitor:
         command = stoppable_scale * v, stoppable_scale * w
         points = self._points_in_reach(pose, motions, command, delay)
         corner_i, corner_j = self.seen.corner.tolist()
-        seen = SeenCells(self.seen.cells, corner_i, corner_j, *pose)
+        x, y, yaw = pose
+        robot = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
+        seen = SeenCells(self.seen.cells, corner_i, corner_j, robot)
         scene = points, self._body, np.array(motions), command, delay, self._braking
         safe_limit = stopping.safe_scale(*scene, seen, discs)
 

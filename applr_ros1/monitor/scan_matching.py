@@ -8,10 +8,11 @@ ICRA 2008) from two initial guesses. The first is the odometry's pose. The secon
 last motion, because a sliding base keeps its speed while its wheels stand or turn backwards. The
 second guess is used only if it leads to a clearly better fit. Points that do not fit, such as a
 walking person, get a low weight, by a width that follows the scatter of the others. The initial
-guess is also a prior. Along a direction that few beams measure, such as along a bare corridor, the
-odometry alone decides, but the walls measure the heading best of all. A person alone is few beams,
-too: if the pose followed one, nobody would seem to move. So a planner may drive in the frame of
-these poses.
+guess is also a prior. Along a direction that little measures, such as along a bare corridor, the
+odometry alone decides, but the walls measure the heading best of all. People are little, too: if
+the pose followed them, nobody would seem to move. So a planner may drive in the frame of these
+poses. What measures counts by its width in metres, as people are narrow at any distance and for any
+laser. A share of the beams would be small for a laser that gets few returns.
 """
 
 import math
@@ -19,7 +20,7 @@ from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle
+from applr_ros1.common.angles import Pose, compose, inverse
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
@@ -61,16 +62,15 @@ LARGEST_TURN_RAD = 0.1
 # Excess of mean weight above which a match from the extrapolated pose is preferred.
 BETTER_WEIGHT = 0.05
 LONGEST_S = 0.5  # longest time between two scans over which the motion is extrapolated [s]
-# Smallest share of the beams that measures a direction (ScanMatch.support). Noise of 3 cm gives
-# .023 along a bare corridor, two people beside a wall give .055, and 99 % of the scans in the BARN
-# dataset have more.
-SUPPORT = 0.06
-# Smallest share of the beams that fit in a valid match. Two people 1 m away are less, and the scans
-# in the BARN dataset are more.
+# Smallest width of surfaces that measures along an axis (ScanMatch.support) [m]. Two people give
+# 0.56 m, alone and beside a wall. Noise of 3 cm at 2 m gives 0.49 m at most along a corridor 4 m
+# wide. All scans between the obstacles of worlds of the BARN dataset have more than 0.6 m.
+SUPPORT_M = 0.6
+# Smallest share of the returns, whatever their distance, that fit in a valid match. A large moving
+# obstacle may be all that is near in a hall.
 ENOUGH_SHARE = 0.25
-ENOUGH_IN_VIEW = 60  # smallest number of points in view of a scan that can show another place
 FITTING_WEIGHT = 0.5  # smallest mean weight of the matched points of a valid match
-ELSEWHERE_SHARE = 0.15  # smallest share of a scan's points in free space of a scan of another place
+ELSEWHERE_SHARE = 0.15  # smallest share of a scan in free space of a scan of another place
 SEARCH_STEPS = 3  # number of steps of the search for a beam, before its bearing is computed
 
 
@@ -78,16 +78,15 @@ class ScanMatch(NamedTuple):
     """Best match of points to an earlier scan.
 
     pose: of the laser. matches: number of matched points. weight: sum of their weights. support:
-    share of the beams that measures along the axis along which fewest do, by weight: 0 before a
-    bare wall, .5 in the middle of a round wall. share: share of the beams that fit,
-    by weight.
+    width of the surfaces that measures along the axis along which least does, seen from the laser
+    and by weight [m]: 0 before a bare wall. largest_support: width along the axis across [m].
     """
 
     pose: Pose
     matches: int
     weight: float
     support: float
-    share: float
+    largest_support: float
 
     @property
     def mean_weight(self) -> float:
@@ -101,13 +100,18 @@ class ScanMatch(NamedTuple):
 
 
 class View(NamedTuple):
-    """Evidence of one scan about the points of another.
+    """Evidence of one scan about the surfaces of another, in widths across the beams [m].
 
-    in_view: number of points in its view. seen_through: number of those in its free space.
+    in_view: those in its view. seen_through: of these, those in its free space.
     """
 
-    in_view: int
-    seen_through: int
+    in_view: float
+    seen_through: float
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether more of the surfaces is seen through than people who come or go."""
+        return self.seen_through > max(SUPPORT_M, ELSEWHERE_SHARE * self.in_view)
 
 
 class ScanMatcher:
@@ -180,11 +184,13 @@ class ScanMatcher:
             True if the scan fits an earlier scan. Otherwise the correction does not change.
         """
         measured_ranges = scan.distances
-        is_used = np.isfinite(measured_ranges) & (measured_ranges < REACH_M)
+        is_return = np.isfinite(measured_ranges)
+        is_used = is_return & (measured_ranges < REACH_M)
         used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
         stride = min(max(len(is_used) // MATCHED_POINTS, 1), STRIDE_BEAMS)
         pose = self.corrected(scan.sensor_pose)
         newest_rays = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
+        fewest_fitting = ENOUGH_SHARE * is_return.sum() / stride
         guesses = self._guesses(pose, scan.stamp)
         nearest_index = self._nearest(pose)
 
@@ -193,12 +199,12 @@ class ScanMatcher:
         match: Optional[ScanMatch] = None
         if nearest_index is not None:
             reference = self._references[nearest_index]
-            match = self._align(reference, newest_rays, guesses, stride)
+            match = self._align(reference, newest_rays, guesses, stride, fewest_fitting)
             if self.problem:
                 assert self._last is not None
                 del self._references[nearest_index]
                 nearest_index = None
-                match = self._align(self._last, newest_rays, guesses, stride)
+                match = self._align(self._last, newest_rays, guesses, stride, fewest_fitting)
             # A scan that fits is no other place, even if it is too small or its pose too far away.
             if not match.fits:
                 self.lost = self._is_elsewhere(measured_ranges, newest_rays)
@@ -237,29 +243,21 @@ class ScanMatcher:
     def _is_elsewhere(self, measured: np.ndarray, newest: ScanRays) -> bool:
         """Return whether the scans show different places.
 
-        Many points of each then lie in free space of the other.
+        Much of each then lies in free space of the other.
         """
         assert self._last is not None
-        new_point_counts = _seen_through(newest, self._last._replace(ranges=self._last_ranges))
-        if new_point_counts.in_view < ENOUGH_IN_VIEW:
+        if not _seen_through(newest, self._last._replace(ranges=self._last_ranges)).contradicts:
             return False
-        if not new_point_counts.seen_through > ELSEWHERE_SHARE * new_point_counts.in_view:
-            return False
-        # If few points of the last scan are in view, the scan cannot show that they are gone.
-        old_point_counts = _seen_through(self._last, newest._replace(ranges=measured))
-        if old_point_counts.in_view < ENOUGH_IN_VIEW:
-            return True
-        return old_point_counts.seen_through > ELSEWHERE_SHARE * old_point_counts.in_view
+        # If little of the last scan is in view, the scan cannot show that it is gone.
+        last_view = _seen_through(self._last, newest._replace(ranges=measured))
+        return last_view.in_view < SUPPORT_M or last_view.contradicts
 
     def _guesses(self, pose: Pose, stamp: float) -> List[Pose]:
         """Return the odometry's pose, and the extrapolated pose if it differs."""
         if self._last is None or not 0.0 < stamp - self._last_stamp <= LONGEST_S:
             return [pose]
         interval = stamp - self._last_stamp
-        forward_speed, leftward_speed, turn_rate = self._speed
-        forward = forward_speed * interval
-        leftward = leftward_speed * interval
-        turn = turn_rate * interval
+        forward, leftward, turn = [speed * interval for speed in self._speed]
         extrapolated_pose = compose(_pose_of(self._last), (forward, leftward, turn))
         distance, _ = _difference(pose, extrapolated_pose)
         if distance > NARROW_M:
@@ -267,11 +265,17 @@ class ScanMatcher:
         return [pose]
 
     def _align(
-        self, earlier: ScanRays, newest: ScanRays, guesses: List[Pose], stride: int
+        self,
+        earlier: ScanRays,
+        newest: ScanRays,
+        guesses: List[Pose],
+        stride: int,
+        fewest_fitting: float,
     ) -> ScanMatch:
         """Return the best match of a scan to an earlier one, and set `problem`.
 
-        stride: spacing of the beams that are matched [beams].
+        stride: spacing of the beams that are matched [beams]. fewest_fitting: smallest weight of a
+        valid match.
         """
         if self._lines_of is not earlier.ranges:
             self._lines_of = earlier.ranges
@@ -285,17 +289,16 @@ class ScanMatcher:
                 earlier.increment,
                 _pose_of(earlier),
                 points,
-                len(newest.ranges) / stride,
                 guess,
             )
             # A valid match comes before any other. The odometry's pose, the first guess, wins
             # unless another fits clearly better, and fits nowhere else.
             handicap = 0.0
             if number > 0:
-                if match.support < SUPPORT:
+                if match.support < SUPPORT_M:
                     continue
                 handicap = BETTER_WEIGHT
-            problem = _problem(match, guess)
+            problem = _problem(match, guess, fewest_fitting)
             rank = (not problem, match.mean_weight - handicap)
             candidates.append((rank, problem, match))
         _, self.problem, best_match = max(candidates, key=lambda candidate: candidate[0])
@@ -334,17 +337,19 @@ def _at(rays: ScanRays, pose: Pose) -> ScanRays:
 
 def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
     """Return the distance [m] and the angle [rad] between two poses."""
-    first_x, first_y, first_yaw = first
-    second_x, second_y, second_yaw = second
-    distance = math.hypot(first_x - second_x, first_y - second_y)
-    angle = normalize_angle(first_yaw - second_yaw)
-    return distance, abs(angle)
+    x, y, angle = compose(inverse(first), second)
+    return math.hypot(x, y), abs(angle)
 
 
-def _problem(match: ScanMatch, guess: Pose) -> str:
+def _problem(match: ScanMatch, guess: Pose, fewest_fitting: float) -> str:
     """Return why a match is not valid, "" if it is."""
-    if match.share < ENOUGH_SHARE:
-        return f"{match.share:.0%} of the beams fit an earlier scan, less than {ENOUGH_SHARE:.0%}"
+    if match.largest_support < SUPPORT_M:
+        return (
+            f"surfaces of {match.largest_support:.2f} m fit an earlier scan, "
+            f"less than {SUPPORT_M:g} m"
+        )
+    if match.weight < fewest_fitting:
+        return f"less than {ENOUGH_SHARE:.0%} of the returns fit an earlier scan"
     if not match.fits:
         return f"points are farther than {WIDE_M:g} m from the surfaces of an earlier scan"
     distance, angle = _difference(match.pose, guess)
@@ -373,12 +378,13 @@ def nearest_pose(poses: Array, pose: Pose) -> int:
 
 @kernel
 def _points(ranges: Array32, angle_min: float, increment: float, stride: int) -> Array:
-    """Return every stride-th beam that has a return, as (k, 3).
+    """Return every stride-th beam that has a return, as (k, 4).
 
-    Columns are x, y [m] in the scanner's frame, and the index of the beam.
+    Columns are x, y [m] in the scanner's frame, the index of the beam, and the width across the
+    beams for which the point stands [m].
     """
     beam_count = ranges.shape[0]
-    points = np.empty((beam_count // stride + 1, 3))
+    points = np.empty((beam_count // stride + 1, 4))
     count = 0
     for beam in range(0, beam_count, stride):
         distance = ranges[beam]
@@ -387,6 +393,7 @@ def _points(ranges: Array32, angle_min: float, increment: float, stride: int) ->
             points[count, 0] = distance * math.cos(angle)
             points[count, 1] = distance * math.sin(angle)
             points[count, 2] = beam
+            points[count, 3] = distance * abs(increment) * stride
             count += 1
     return points[:count]
 
@@ -398,7 +405,6 @@ def _match(
     increment: float,
     earlier_pose: Pose,
     points: Array,
-    beam_count: float,
     guess: Pose,
 ) -> ScanMatch:
     """Return the pose at which points best fit an earlier scan.
@@ -412,9 +418,8 @@ def _match(
         angle_min: bearing of the earlier scan's first beam in its laser's frame [rad].
         increment: angle between its beams [rad].
         earlier_pose: pose of the laser at the earlier scan.
-        points: (k, 3) points of the new scan. The third column is overwritten with the index of the
+        points: (k, 4) points of the new scan. The third column is overwritten with the index of the
             earlier scan's beam towards each point, where the next search starts.
-        beam_count: number of beams that the points were chosen from, with and without return.
         guess: initial guess of the new scan's pose, which is also a prior.
     """
     # Guess and pose in the frame of the earlier scan.
@@ -437,10 +442,14 @@ def _match(
     matches = 0
     weight_sum = 0.0
     support = 0.0
+    largest_support = 0.0
     for iteration in range(ITERATIONS):
         matches = 0
         weight_sum = 0.0
         square_sum = 0.0
+        width_x = 0.0
+        width_xy = 0.0
+        width_y = 0.0
         a00 = 0.0
         a01 = 0.0
         a02 = 0.0
@@ -485,6 +494,10 @@ def _match(
             matches += 1
             weight_sum += weight
             square_sum += weight * distance * distance
+            weighted_width = weight * points[i, 3]
+            width_x += weighted_width * normal_x * normal_x
+            width_xy += weighted_width * normal_x * normal_y
+            width_y += weighted_width * normal_y * normal_y
             weighted_x = weight * normal_x
             weighted_y = weight * normal_y
             weighted_moment = weight * moment
@@ -498,24 +511,21 @@ def _match(
             b1 -= weighted_y * distance
             b2 -= weighted_moment * distance
 
-        smallest, axis_x, axis_y = weakest_axis(a00, a01, a11)
-        support = smallest / beam_count
+        support, axis_x, axis_y = weakest_axis(width_x, width_xy, width_y)
+        largest_support = width_x + width_y - support
         a00 += prior
         a11 += prior
         dx, dy, dyaw = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
-        # Along an axis along which few beams measure, errors of range that move along with the
+        # Along an axis along which little measures, errors of range that move along with the
         # robot would hold the pose, as at normal incidence: there the odometry decides.
-        if iteration >= COARSE and support < SUPPORT:
+        if iteration >= COARSE and support < SUPPORT_M:
             shift = axis_x * (x + dx - guess_x) + axis_y * (y + dy - guess_y)
             dx -= shift * axis_x
             dy -= shift * axis_y
         x += dx
         y += dy
         yaw += dyaw
-        # The step is measured along the axes of the odometry frame.
-        step_x = abs(cos_frame * dx - sin_frame * dy)
-        step_y = abs(sin_frame * dx + cos_frame * dy)
-        if iteration >= COARSE and step_x + step_y + abs(dyaw) < SETTLED:
+        if iteration >= COARSE and abs(dx) + abs(dy) + abs(dyaw) < SETTLED:
             break
         if iteration + 1 >= COARSE:
             deviation = math.sqrt(square_sum / max(weight_sum, 1e-9))
@@ -523,14 +533,14 @@ def _match(
     pose_x = frame_x + cos_frame * x - sin_frame * y
     pose_y = frame_y + sin_frame * x + cos_frame * y
     pose = pose_x, pose_y, frame_yaw + yaw
-    return ScanMatch(pose, matches, weight_sum, support, weight_sum / beam_count)
+    return ScanMatch(pose, matches, weight_sum, support, largest_support)
 
 
 @kernel
 def _seen_through(old: ScanRays, new: ScanRays) -> View:
-    """Return how many points of `old` are in view of `new`, and how many are free there."""
-    in_view = 0
-    seen_through = 0
+    """Return how much of `old` is in view of `new`, and how much is free there."""
+    in_view = 0.0
+    seen_through = 0.0
     last_beam = new.ranges.shape[0] - 1
     for old_beam in range(old.ranges.shape[0]):
         if math.isnan(old.ranges[old_beam]):
@@ -542,11 +552,13 @@ def _seen_through(old: ScanRays, new: ScanRays) -> View:
         fractional_beam = beam_at(new.angle_min, new.increment, bearing)
         beam = int(fractional_beam + 0.5)
         if 0 < beam < last_beam:
-            in_view += 1
+            width = old.ranges[old_beam] * abs(old.increment)
+            in_view += width
             # The point is free if the beams around it reach clearly beyond it.
             shortest = min(new.ranges[beam - 1], new.ranges[beam], new.ranges[beam + 1])
             distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
-            seen_through += shortest > distance + WIDE_M
+            if shortest > distance + WIDE_M:
+                seen_through += width
     return View(in_view, seen_through)
 
 

@@ -133,7 +133,8 @@ class ScannerCheck:
 
         Updates `repeats`.
         """
-        if not np.array_equal(ranges, self._image, equal_nan=True):
+        # Bytes, because NaN does not equal itself.
+        if ranges.tobytes() != self._image.tobytes():
             self._image = ranges.copy()
             self._equal_scans = 0
             self._image_pose = pose

@@ -1,8 +1,7 @@
 """Settings of the collision monitor for a base, with range checks."""
 
-import math
 from dataclasses import dataclass
-from typing import Any, Iterable, Tuple
+from typing import Tuple
 
 import numpy as np
 
@@ -34,6 +33,7 @@ class MonitorSettings:
         scan_period: interval between two scans [s].
         creep_speed: fastest speed of any point of the body in unobserved space [m/s].
         mover_acceleration: largest acceleration of a tracked moving obstacle [m/s^2].
+        passive_safety: whether the base must stand before a tracked moving obstacle touches it.
         scan_timeout: age of the latest scan, pose or twist at which the base must stop [s].
         memory_radius: distance within which obstacles are remembered [m].
         memory_seconds: time for which an obstacle out of the scanner's sight is remembered [s]. It
@@ -53,6 +53,7 @@ class MonitorSettings:
     turn_ahead: float = 0.0
     creep_speed: float = 0.1
     mover_acceleration: float = 1.0
+    passive_safety: bool = True
     scan_timeout: float = 0.5
     memory_radius: float = 8.0
     memory_seconds: float = 300.0
@@ -82,17 +83,8 @@ class MonitorSettings:
             "memory_radius": (0.1, 100.0),
             "memory_seconds": (0.0, 1e6),
         }
-        for name, field in Monitoring.model_fields.items():
-            bounds[name] = _bounds_of(field.metadata)
+        for name, field in Monitoring.model_json_schema()["properties"].items():
+            if field["type"] == "number":
+                bounds[name] = (field["minimum"], field["maximum"])
         for name, (low, high) in bounds.items():
             number_within(f"collision monitor: {name}", getattr(self, name), low, high)
-
-
-def _bounds_of(constraints: Iterable[Any]) -> Tuple[float, float]:
-    """Return the lowest and highest valid value from the constraints of a robot.yaml field."""
-    low = -math.inf
-    high = math.inf
-    for constraint in constraints:
-        low = getattr(constraint, "ge", low)
-        high = getattr(constraint, "le", high)
-    return low, high

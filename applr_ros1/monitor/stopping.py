@@ -106,19 +106,17 @@ class SeenCells(NamedTuple):
     """Observed cells around the robot, with its pose among them.
 
     cells: as in SeenSpace; without cells, all space counts as observed. corner_i, corner_j: corner
-    of SeenSpace. x, y, yaw: pose of the robot in the frame of the cells [m, m, rad].
+    of SeenSpace. robot: pose of the robot in the frame of the cells.
     """
 
     cells: np.ndarray
     corner_i: int
     corner_j: int
-    x: float
-    y: float
-    yaw: float
+    robot: BodyPose
 
 
 # Value if all space is known
-EVERYTHING = SeenCells(np.empty((0, 0), np.uint8), 0, 0, 0.0, 0.0, 0.0)
+EVERYTHING = SeenCells(np.empty((0, 0), np.uint8), 0, 0, BodyPose(0.0, 0.0, 1.0, 0.0))
 
 
 class SafeScale(NamedTuple):
@@ -545,16 +543,15 @@ def is_seen(seen: SeenCells, edge: Array, place: BodyPose) -> bool:
     side_cells = seen.cells.shape[0]
     if side_cells == 0:
         return True
-    cos_robot = math.cos(seen.yaw)
-    sin_robot = math.sin(seen.yaw)
+    robot = seen.robot
     first_i = seen.corner_i % side_cells
     first_j = seen.corner_j % side_cells
     for number in range(edge.shape[0]):
         # From the body's frame to that of the robot, and on to that of the cells.
         robot_x = place.x + place.cos_yaw * edge[number, 0] - place.sin_yaw * edge[number, 1]
         robot_y = place.y + place.sin_yaw * edge[number, 0] + place.cos_yaw * edge[number, 1]
-        i = cell_of(seen.x + cos_robot * robot_x - sin_robot * robot_y) - seen.corner_i
-        j = cell_of(seen.y + sin_robot * robot_x + cos_robot * robot_y) - seen.corner_j
+        i = cell_of(robot.x + robot.cos_yaw * robot_x - robot.sin_yaw * robot_y) - seen.corner_i
+        j = cell_of(robot.y + robot.sin_yaw * robot_x + robot.cos_yaw * robot_y) - seen.corner_j
         if not (0 <= i < side_cells and 0 <= j < side_cells):
             return False
         # Both are below 2 side_cells, so a comparison replaces the slow modulo.

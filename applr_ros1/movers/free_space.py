@@ -6,12 +6,13 @@ as the robot drives, and obstacles come into view behind others.
 """
 
 import math
-from typing import Any
+from typing import Any, Tuple
 
 import numpy as np
 
 from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
+from applr_ros1.common.scan import covers_full_turn
 
 SCANS = 7  # number of scans that FreeSpace keeps
 APART_S = 0.14  # smallest interval between two kept scans [s]
@@ -86,7 +87,7 @@ class FreeSpace:
 @kernel
 def full_turn(beam_count: int, increment: float) -> bool:
     """Return whether beams cover a full turn. Some scanners vary their number by a few beams."""
-    return (beam_count + GAP_BEAMS + 0.5) * abs(increment) >= 2.0 * math.pi
+    return covers_full_turn(beam_count + GAP_BEAMS, increment)
 
 
 def depths(distances: Array32, range_max: float) -> Array32:
@@ -114,20 +115,11 @@ def sees_through(
         bearing_error: possible bearing error beyond TURNED_RAD [rad].
         longest: free depth from which on a beam counts as unknown [m].
     """
-    offset_x = x - fan.x
-    offset_y = y - fan.y
-    distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
+    nearest_beam, distance = _towards(fan, x, y)
     if distance < fan.range_min:
         return False
 
-    # Beams within the tolerance of the point. The turn to its bearing has the sign of the
-    # increment.
-    turn = math.atan2(offset_y, offset_x) - fan.yaw - fan.angle_min
-    if fan.increment > 0.0:
-        turn = turn % (2.0 * math.pi)
-    else:
-        turn = -((-turn) % (2.0 * math.pi))
-    nearest_beam = int(turn / fan.increment + 0.5)
+    # Beams within the tolerance of the point.
     tolerance = min(BESIDE_M / distance + TURNED_RAD + bearing_error, LARGEST_RAD)
     around = int(tolerance / abs(fan.increment)) + 1
     first_beam = nearest_beam - around
@@ -144,3 +136,27 @@ def sees_through(
             if free_depth < distance + DEEP_M:
                 return False
     return known_beams > around
+
+
+@kernel
+def ends_at(depth: Array32, fan: Fan, x: float, y: float) -> bool:
+    """Return whether one of the three beams nearest to the point (x, y) [m] ends there."""
+    beam, distance = _towards(fan, x, y)
+    # A beam without return has the depth range_max.
+    is_in_reach = distance + DEEP_M < fan.range_max
+    near_depths = depth[max(beam - 1, 0) : beam + 2]
+    return is_in_reach and bool(np.any(np.abs(near_depths - distance) < DEEP_M))
+
+
+@kernel
+def _towards(fan: Fan, x: float, y: float) -> Tuple[int, float]:
+    """Return the beam towards a point (x, y), beyond the last one too, and its distance [m]."""
+    offset_x = x - fan.x
+    offset_y = y - fan.y
+    # The number of beams up to its bearing is never negative.
+    turn = math.atan2(offset_y, offset_x) - fan.yaw - fan.angle_min
+    if fan.increment > 0.0:
+        turn = turn % (2.0 * math.pi)
+    else:
+        turn = -((-turn) % (2.0 * math.pi))
+    return int(turn / fan.increment + 0.5), math.sqrt(offset_x * offset_x + offset_y * offset_y)

@@ -14,9 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, transform_point
-from applr_ros1.common.arrays import Array32
+from applr_ros1.common.arrays import Array, Array32
+from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan, SensorCloud, beam_directions, project
-from applr_ros1.movers.tracker import MoverTracker
+from applr_ros1.movers import tracks
+from applr_ros1.movers.tracker import DISC_COLUMNS, MoverTracker
 from applr_ros1.robots import Robot
 
 STEP_S = 0.15  # interval between two predicted positions of a disc [s]
@@ -105,20 +107,36 @@ class Prediction:
         robot_x, robot_y, _ = robot
         is_clear = np.hypot(x - robot_x, y - robot_y) > movers.radius + self.room
         to_laser = inverse(scan.sensor_pose)
-        centres = np.stack(transform_point(to_laser, x[is_clear], y[is_clear]))
-
-        # Distance along each beam (rows) of the point nearest to each disc's centre (columns), and
-        # square of half the chord that the beam cuts off the disc, which is negative if it misses
-        # the disc.
+        centre_x, centre_y = transform_point(to_laser, x[is_clear], y[is_clear])
+        discs = np.column_stack([centre_x, centre_y, movers.radius[is_clear]])
         directions = beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
-        distance_along = directions @ centres
-        squared_distance = (centres**2).sum(axis=0)
-        half_chord2 = movers.radius[is_clear] ** 2 - squared_distance + distance_along**2
-        entry_distance = distance_along - np.sqrt(np.maximum(half_chord2, 0.0))
-        is_met = (half_chord2 > 0.0) & (distance_along > 0.0)
-        nearest_distance = np.where(is_met, entry_distance, np.inf).min(axis=1, initial=np.inf)
-        is_nearer = nearest_distance < scan.distances
-        return np.where(is_nearer, nearest_distance, np.inf).astype(np.float32)
+        return _nearer_ranges(directions, discs, scan.distances)
+
+
+@kernel
+def _nearer_ranges(directions: Array, discs: Array, distances: Array32) -> Array32:
+    """Return the ranges (n,) [m] at which beams meet discs, +inf if not nearer than `distances`.
+
+    Args:
+        directions: (n, 2) cosine and sine of each beam.
+        discs: (k, 3) x, y and radius in the laser's frame [m].
+        distances: (n,) LaserScan.distances [m].
+    """
+    ranges = np.empty(distances.shape[0], np.float32)
+    for beam in range(distances.shape[0]):
+        nearest = np.inf
+        for disc in range(discs.shape[0]):
+            x = discs[disc, 0]
+            y = discs[disc, 1]
+            radius = discs[disc, 2]
+            # Distance along the beam of the point nearest to the centre, and square of half the
+            # chord that the beam cuts off the disc, which is negative if it misses the disc
+            along = directions[beam, 0] * x + directions[beam, 1] * y
+            half_chord2 = radius * radius - (x * x + y * y) + along * along
+            if half_chord2 > 0.0 and along > 0.0:
+                nearest = min(nearest, along - math.sqrt(half_chord2))
+        ranges[beam] = nearest if nearest < distances[beam] else np.inf
+    return ranges
 
 
 def _ends_without_return(scan: LaserScan) -> Array32:
@@ -126,3 +144,14 @@ def _ends_without_return(scan: LaserScan) -> Array32:
     has_no_return = np.isposinf(scan.distances)
     ranges = np.where(has_no_return, np.float32(FAR_M), np.float32(np.inf))
     return project(replace(scan, ranges=ranges, range_max=2.0 * FAR_M)).points
+
+
+def warm_up() -> None:
+    """Compile or load all kernels, most by a tracker that sees a disc approach in two scans."""
+    tracker = MoverTracker(1.0, 1.0, 0.1)
+    is_on_disc = abs(np.arange(41) - 20) < 8
+    for stamp, distance in ((0.0, 2.0), (0.1, 1.9)):
+        ranges = np.where(is_on_disc, distance, 5.0)
+        tracker.update(LaserScan(stamp, -0.4, 0.02, 0.1, 10.0, ranges, (0.0, 0.0, 0.0)))
+    tracks.join_legs(np.zeros((1, len(DISC_COLUMNS))))
+    _nearer_ranges(np.zeros((1, 2)), np.zeros((1, 3)), np.zeros(1, np.float32))

@@ -72,6 +72,7 @@ class MoverTracker:
         frame: Pose (x, y, yaw) [m, m, rad] of the odometry's frame in that of the tracks. Who knows
             how the wheels have slipped so far sets it before a scan, so that what stands does not
             seem to move.
+        movers: Moving obstacles at the latest scan's stamp.
     """
 
     def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
@@ -99,6 +100,7 @@ class MoverTracker:
         """
         self._tracks["id"] = 0
         self._tracks["moves"] = False
+        self.movers = NO_MOVERS
         self._history[:] = math.nan
         self._free.clear()
         self._last: Optional[Tuple[float, Pose]] = None  # stamp and pose of the last scan
@@ -141,6 +143,7 @@ class MoverTracker:
             self._filter_speeds(interval, distance, turn_angle)
         self._last = scan.stamp, (x, y, yaw)
         self._follow(scan, (x, y, yaw), interval)
+        self.movers = self._moving()
         return self.movers
 
     def _has_jumped(self, interval: float, distance: float, turn_angle: float) -> bool:
@@ -210,9 +213,8 @@ class MoverTracker:
         cluster_count = clusters.find_clusters(ranges, directions, fans, self._clusters)
         return self._clusters[:cluster_count]
 
-    @property
-    def movers(self) -> Movers:
-        """Moving obstacles at the latest scan's stamp."""
+    def _moving(self) -> Movers:
+        """Return the moving obstacles among the tracks."""
         is_moving = self._tracks["moves"]
         if not is_moving.any():
             return NO_MOVERS
@@ -233,13 +235,3 @@ class MoverTracker:
             covariance=discs[:, 4:7],
             is_certain=discs[:, 7] > 0.0,
         )
-
-
-def warm_up() -> None:
-    """Compile or load all kernels: run a temporary tracker on two scans of an approaching disc."""
-    tracker = MoverTracker(1.0, 1.0, 0.1)
-    is_on_disc = abs(np.arange(41) - 20) < 8
-    for stamp, distance in ((0.0, 2.0), (0.1, 1.9)):
-        ranges = np.where(is_on_disc, distance, 5.0)
-        tracker.update(LaserScan(stamp, -0.4, 0.02, 0.1, 10.0, ranges, (0.0, 0.0, 0.0)))
-    tracks.join_legs(np.zeros((1, len(DISC_COLUMNS))))

@@ -16,7 +16,7 @@ import numpy as np
 from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.kernels import kernel
 from applr_ros1.movers.clusters import POINTS, Cluster, Clusters, centre
-from applr_ros1.movers.free_space import LARGEST_FLOAT32, SCANS, Fan, sees_through
+from applr_ros1.movers.free_space import LARGEST_FLOAT32, Fan, ends_at, sees_through
 from applr_ros1.movers.slip import VOTER, VOTES, shift, slip
 
 MAX_TRACKS = 192  # largest number of tracks
@@ -25,7 +25,7 @@ MAX_TRACKS = 192  # largest number of tracks
 # pp, pv, vv: variance of the position, covariance of position and velocity, variance of the
 #     velocity, along each axis. radius [m].
 # seen, evident: stamps of the last cluster and of the last evidence of motion [s].
-# evidence, evident_scans: duration [s] and number of scans of the evidence.
+# evidence, proofs: duration [s] of the evidence, and number of its proofs_of_motion().
 # gone: number of scans that saw through the track. hits: number of clusters.
 # mean_x, mean_y: moving average of the centre [m]. moves: whether the track is a moving obstacle.
 # certain: whether it is one whose velocity is, or was, certain.
@@ -43,7 +43,7 @@ TRACK = np.dtype(
         ("seen", np.float64),
         ("evident", np.float64),
         ("evidence", np.float64),
-        ("evident_scans", np.int64),
+        ("proofs", np.int64),
         ("gone", np.int64),
         ("hits", np.int64),
         ("mean_x", np.float64),
@@ -63,7 +63,11 @@ BEARING_RAD = 0.005  # standard deviation of a bearing in the odometry's frame [
 LATENCY_S = 0.04
 # Turn of the robot during a scan above which the scan gives no evidence of motion [rad].
 BENT_RAD = 0.15
-FEWEST_FREE_POINTS = 2  # number of a cluster's points that must prove its motion
+# What a scan shows of a cluster's points, of which it must show so many alike
+UNSEEN = 0
+TAKEN = 1
+FREE = 2
+FEWEST_POINTS = 2
 # Standard deviations of the position and the velocity of a new track.
 FIRST_M = 0.1
 FIRST_SPEED_M_S = 1.5
@@ -77,10 +81,10 @@ RADIUS_GAIN = 0.2  # share of a new radius in the filtered radius
 SLOWEST_M_S = 0.25
 # Number of standard deviations by which a velocity must differ from zero.
 CLEAR_DEVIATIONS = 2.0
-# Evidence that makes a track a moving obstacle: duration, and number of scans.
-ENOUGH_S = 0.12
-ENOUGH_SCANS = 2
-MOST_EVIDENCE_S = 0.5  # largest accumulated evidence [s]
+# Evidence that makes a track a moving obstacle: duration, and number of proofs. One wrong beam is a
+# proof in each scan, but what moves is proved by most of the earlier scans at once.
+ENOUGH_S = 0.14
+ENOUGH_PROOFS = 3
 # Largest difference between a track's and its cluster's radii, to correct the laser's pose [m].
 SAME_SIZE_M = 0.03
 # Smallest number of scans in which a static track had a cluster, before it corrects the laser's
@@ -220,10 +224,10 @@ def correct(track: Track, cluster: Cluster, fan: Fan, interval: float) -> None:
 
 
 @kernel
-def has_moved(
+def proofs_of_motion(
     points: Array, history: Array, earlier: EarlierScans, depth: Array32, fan: Fan
-) -> bool:
-    """Return whether free space proves that a cluster has moved.
+) -> int:
+    """Return how many earlier scans prove by their free space that a cluster has moved.
 
     An earlier scan then saw through its points, or the latest scan sees through their old
     positions.
@@ -236,25 +240,37 @@ def has_moved(
         depth: (n,) free depth of the latest scan's beams [m].
         fan: FAN of the latest scan.
     """
-    for number in range(SCANS):
+    proofs = 0
+    for number in np.argsort(earlier.fans["stamp"]):
         old_fan = earlier.fans[number]
         swept_angle = max(fan.swept, old_fan.swept)
         if old_fan.stamp == -math.inf or swept_angle > BENT_RAD:
             continue
         bearing_error = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept_angle
-        came_points = 0
-        left_points = 0
-        for index in range(POINTS):
-            x = points[index, 0]
-            y = points[index, 1]
-            came_points += sees_through(earlier.ranges[number], old_fan, x, y, bearing_error)
-            old_x = history[number, index, 0]
-            old_y = history[number, index, 1]
-            if not math.isnan(old_x):
-                left_points += sees_through(depth, fan, old_x, old_y, bearing_error)
-        if came_points >= FEWEST_FREE_POINTS or left_points >= FEWEST_FREE_POINTS:
-            return True
-    return False
+        came = _view(earlier.ranges[number], old_fan, points, bearing_error)
+        left = _view(depth, fan, history[number], bearing_error)
+        view = max(came, left)
+        # Something that the oldest of the scans shows at its place stands there.
+        if view == TAKEN and proofs == 0:
+            return 0
+        proofs += view == FREE
+    return proofs
+
+
+@kernel
+def _view(depth: Array32, fan: Fan, points: Array, bearing_error: float) -> int:
+    """Return whether most of a cluster's points (POINTS, 2) [m] are FREE, TAKEN or UNSEEN."""
+    free = 0
+    taken = 0
+    for index in range(POINTS):
+        x = points[index, 0]
+        y = points[index, 1]
+        if not math.isnan(x):
+            free += sees_through(depth, fan, x, y, bearing_error)
+            taken += ends_at(depth, fan, x, y)
+    if free >= FEWEST_POINTS:
+        return FREE
+    return TAKEN if taken >= FEWEST_POINTS else UNSEEN
 
 
 @kernel
@@ -313,8 +329,9 @@ def follow(
         # A wall seems to move while its visible part grows.
         is_same_size = abs(cluster.radius - track.radius) < RESIZED_M
         if is_same_size and _is_clearly_moving(track, drift_x, drift_y):
-            is_proved = has_moved(cluster.points, history[:, track_index], earlier, depth, fan)
-            _weigh_evidence(track, is_proved, fan.stamp, interval)
+            old_points = history[:, track_index]
+            proofs = proofs_of_motion(cluster.points, old_points, earlier, depth, fan)
+            _weigh_evidence(track, proofs, fan.stamp, interval)
         if fan.stamp - track.evident > SILENT_S:
             _become_static(track)
         track.certain |= track.moves and track.vv <= CERTAIN_M_S**2
@@ -326,7 +343,7 @@ def _become_static(track: Track) -> None:
     track.moves = False
     track.certain = False
     track.evidence = 0.0
-    track.evident_scans = 0
+    track.proofs = 0
 
 
 @kernel
@@ -339,15 +356,15 @@ def _is_clearly_moving(track: Track, drift_x: float, drift_y: float) -> bool:
 
 
 @kernel
-def _weigh_evidence(track: Track, is_proved: bool, stamp: float, interval: float) -> None:
-    """Count one more scan of a fast track, in which free space proved its motion or did not."""
-    if not is_proved:
+def _weigh_evidence(track: Track, proofs: int, stamp: float, interval: float) -> None:
+    """Count one more scan of a fast track, with the number of earlier scans that prove motion."""
+    if proofs == 0:
         track.evidence = max(track.evidence - interval, 0.0)
         return
-    track.evidence = min(track.evidence + interval, MOST_EVIDENCE_S)
-    track.evident_scans += 1
+    track.evidence += interval
+    track.proofs += proofs
     track.evident = stamp
-    if track.evidence >= ENOUGH_S and track.evident_scans >= ENOUGH_SCANS:
+    if track.evidence >= ENOUGH_S and track.proofs >= ENOUGH_PROOFS:
         track.moves = True
 
 
@@ -379,19 +396,12 @@ def _drift(tracks: Tracks, cluster_of: Ints, speed: float) -> Tuple[float, float
 
     It is zero if slip cannot explain it.
     """
-    vx = np.empty(MAX_TRACKS)
-    vy = np.empty(MAX_TRACKS)
-    track_count = 0
-    for track_index in range(tracks.shape[0]):
-        track = tracks[track_index]
-        if cluster_of[track_index] >= 0 and not track.moves and track.hits >= SETTLED_HITS:
-            vx[track_count] = track.vx
-            vy[track_count] = track.vy
-            track_count += 1
-    if track_count < VOTES:
+    is_seen = (cluster_of >= 0) & (tracks["hits"] >= SETTLED_HITS)
+    static_tracks = tracks[is_seen & ~tracks["moves"]]
+    if len(static_tracks) < VOTES:
         return 0.0, 0.0
-    drift_x = np.median(vx[:track_count])
-    drift_y = np.median(vy[:track_count])
+    drift_x = np.median(static_tracks["vx"])
+    drift_y = np.median(static_tracks["vy"])
     if math.hypot(drift_x, drift_y) < speed + SLIDES_M_S:
         return drift_x, drift_y
     return 0.0, 0.0
@@ -405,17 +415,14 @@ def begin(
 
     A cluster that overlaps a moving obstacle is a part of it, and gets no track.
     """
-    track_index = 0
-    for cluster_index in range(clusters.shape[0]):
-        if is_taken[cluster_index]:
-            continue
-        cluster = clusters[cluster_index]
-        while track_index < tracks.shape[0] and tracks[track_index].id > 0:
-            track_index += 1
-        if track_index == tracks.shape[0]:
+    free_rows = np.flatnonzero(tracks["id"] == 0)
+    for cluster_index in np.flatnonzero(~is_taken):
+        if len(free_rows) == 0:
             break
+        cluster = clusters[cluster_index]
         if not _is_part_of_mover(cluster, tracks):
-            _start(tracks[track_index], cluster, stamp, next_id)
+            _start(tracks[free_rows[0]], cluster, stamp, next_id)
+            free_rows = free_rows[1:]
             next_id += 1
     return next_id
 

@@ -15,14 +15,24 @@ from typing import Any, Container, Mapping, NamedTuple, Optional, Sequence, Tupl
 import numpy as np
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Point32,
+    Polygon,
+    PolygonStamped,
+    PoseStamped,
+    Quaternion,
+    Vector3,
+)
+from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Twist as TwistMessage
 from map_msgs.msg import OccupancyGridUpdate
-from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
+from applr_ros1.common.arrays import Array, Array32, Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.messages import pose_of, twist_of
 from applr_ros1.common.scan import LaserScan, Point3D, SensorCloud, measured_ranges
@@ -69,7 +79,7 @@ def is_upright(q: Any) -> bool:
     return bool(tilt <= 1e-3)
 
 
-def path_points(stamped_poses: Sequence[PoseStamped]) -> np.ndarray:
+def path_points(stamped_poses: Sequence[PoseStamped]) -> Array:
     """Return the points (n, 2) [m] of poses in the order of a nav_msgs/Path."""
     points = []
     for stamped_pose in stamped_poses:
@@ -103,12 +113,9 @@ def reading_of(message: Any) -> Reading:
 
 def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
     """Return a geometry_msgs/PoseStamped of the pose (x, y, yaw) [m, m, rad] in `frame`."""
-    message = PoseStamped(header=Header(0, stamp, frame))
     x, y, yaw = pose
-    message.pose.position.x = x
-    message.pose.position.y = y
-    message.pose.orientation = Quaternion(*quaternion_of(yaw))
-    return message
+    planar_pose = PoseMessage(Point(x, y, 0.0), Quaternion(*quaternion_of(yaw)))
+    return PoseStamped(Header(0, stamp, frame), planar_pose)
 
 
 def twist(v: float, w: float) -> TwistMessage:
@@ -129,7 +136,7 @@ def diagnostics(
 
 
 # -- from messages ---------------------------------------------------------------------------------
-def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
+def check_scan(message: Any, no_return: Optional[float] = None) -> Array32:
     """Return the ranges (n,) float32 of a sensor_msgs/LaserScan.
 
     The range `no_return` becomes +inf. Beams of NaN, inf and -inf are valid (REP 117), but if all
@@ -154,7 +161,7 @@ def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
     return ranges
 
 
-def points_of(message: Any) -> np.ndarray:
+def points_of(message: Any) -> Array32:
     """Return the points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud.
 
     Raises:
@@ -226,7 +233,7 @@ def cos_tilt(quaternion: Tuple[float, float, float, float]) -> float:
 
 def laser_scan(
     message: Any,
-    ranges: np.ndarray,
+    ranges: Array32,
     transform: Any,
     origin: Optional[Point3D] = None,
     no_return: Optional[float] = None,
@@ -264,7 +271,7 @@ def laser_scan(
     )
 
 
-def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
+def from_above(message: Any, ranges: Array32, hangs: bool) -> Tuple[Array32, float]:
     """Return (ranges, first angle [rad]) of a scan as seen from above.
 
     hangs: whether the laser is upside down.
@@ -343,21 +350,15 @@ class PackedMessage:
 
 def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
     """Return the whole costmap as a nav_msgs/OccupancyGrid."""
-    message = OccupancyGrid(header=Header(0, stamp, frame))
-    message.info.map_load_time = stamp
-    message.info.resolution = costmap.resolution
-    message.info.width, message.info.height = costmap.size
-    origin_x, origin_y = costmap.origin
-    message.info.origin.position.x = float(origin_x)
-    message.info.origin.position.y = float(origin_y)
-    message.info.origin.orientation.w = 1.0
+    origin_x, origin_y = map(float, costmap.origin)
+    corner = pose_stamped((origin_x, origin_y, 0.0), frame, stamp).pose
+    info = MapMetaData(stamp, costmap.resolution, *costmap.size, corner)
+    message = OccupancyGrid(Header(0, stamp, frame), info, [])
     occupancy = OCCUPANCY[costmap.cells]
     return PackedMessage(message, occupancy.size, occupancy.tobytes())
 
 
-def grid_update(
-    cells: np.ndarray, corner: Tuple[int, int], frame: str, stamp: Any
-) -> PackedMessage:
+def grid_update(cells: Data, corner: Tuple[int, int], frame: str, stamp: Any) -> PackedMessage:
     """Return a window of a costmap's cells (h, w) as a map_msgs/OccupancyGridUpdate.
 
     corner: its first cell (x, y).
@@ -369,7 +370,7 @@ def grid_update(
     return PackedMessage(message, occupancy.size, occupancy.tobytes())
 
 
-def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
+def path(poses: Array, frame: str, stamp: Any) -> PackedMessage:
     """Return poses (n, 3) x, y, yaw, or points (n, 2) without rotation, as a nav_msgs/Path."""
     # A row has the layout of a serialized geometry_msgs/PoseStamped.
     frame_name = frame.encode()
@@ -390,14 +391,13 @@ def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
     return PackedMessage(message, len(poses), rows.tobytes())
 
 
-def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
+def polygon(vertices: Array, frame: str, stamp: Any) -> PolygonStamped:
     """Return vertices (n, 2) [m] as a geometry_msgs/PolygonStamped."""
-    message = PolygonStamped(header=Header(0, stamp, frame))
-    message.polygon.points = [Point32(float(x), float(y), 0.0) for x, y in vertices]
-    return message
+    points = [Point32(float(x), float(y), 0.0) for x, y in vertices]
+    return PolygonStamped(Header(0, stamp, frame), Polygon(points))
 
 
-def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
+def cloud(rows: Data, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
     """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=Header(0, stamp, frame), height=1, width=len(rows), is_dense=True)
     for index, field_name in enumerate(names):

@@ -5,10 +5,10 @@ Also the parameters of move_base from the robot's files.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional, Tuple
+from typing import Optional, Tuple
 
 from applr_ros1.common.arguments import frame_prefix
-from applr_ros1.planner.parameters.trees import merged, without_empty
+from applr_ros1.planner.parameters.trees import Tree, merged, without_empty
 from applr_ros1.policy import methods
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -19,7 +19,7 @@ STARTING = (*NAMING, "method", "matched")
 FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")
 
 
-def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
+def named_robot(parameters: Tree) -> Tuple[Robot, str]:
     """Return the robot named by the private parameters of a node, and the prefix of its frames.
 
     Args:
@@ -37,7 +37,7 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
     return robot, frame_prefix(prefix)
 
 
-def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
+def with_robot(parameters: Tree) -> Tuple[Tree, Optional[Robot]]:
     """Return the parameter tree of move_base, and the robot.
 
     Errors are those of `named_robot`.
@@ -68,7 +68,7 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     return without_empty(merged(file_parameters, overrides)), robot
 
 
-def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
+def _prefix_frames(tree: Tree, prefix: str) -> None:
     """Add the prefix to all frames of the robot in a tree. All robots share the frame `map`."""
     for name, value in tree.items():
         if isinstance(value, dict):

@@ -20,7 +20,7 @@ from sensor_msgs.msg import LaserScan as ScanMessage
 from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
-from applr_ros1.common.angles import Pose, Twist, compose
+from applr_ros1.common.angles import Pose, compose
 from applr_ros1.common.messages import pose_of, twist_of
 from applr_ros1.common.ros_node import LARGE_BUFFER, SMALL_BUFFER
 from applr_ros1.monitor.odometry_check import OdometryCheck
@@ -96,14 +96,10 @@ class Sensors:
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.transforms = TransformBuffer()
         self._no_return = no_return
-        self.twist: Twist = (0.0, 0.0)
-        self._odometry_time = rospy.Time(0)  # arrival time of the latest odometry
-        self._pose_stamp = rospy.Time(0)
-        self._twist_stamp = rospy.Time(0)
         self.pose_trouble = ""
-        self.odometry_problem = ""
         self._odometry_check = OdometryCheck()
-        self._topics = {}
+        self._topics: Dict[str, _Topic] = {}
+        self.forget()
         for topic, data_type in topics.items():
             self._topics[topic] = _Topic(topic, data_type, origins.get(topic, ""))
         self._odometry = odometry
@@ -147,7 +143,7 @@ class Sensors:
     def forget(self) -> None:
         """Drop all data after the clock jumped back."""
         self.transforms.buffer.clear()
-        self._odometry_time = rospy.Time(0)
+        self._odometry_time = rospy.Time(0)  # arrival time of the latest odometry
         self._pose_stamp = rospy.Time(0)
         self._twist_stamp = rospy.Time(0)
         for topic in self._topics.values():
@@ -354,14 +350,12 @@ class _Topic:
     def __init__(self, topic: str, data_type: str, origin: str):
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
-        self.trouble = ""
-        self.used: Dict[str, rospy.Time] = {}
         self.publishers: Dict[str, str] = {}
         self.name = rospy.resolve_name(topic)
-        self.stamp = rospy.Time(0)
         self.frame = ""
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
+        self.forget()
         rospy.Subscriber(
             topic,
             MESSAGES[data_type],
@@ -390,7 +384,7 @@ class _Topic:
             self._waiting.clear()
             self.stamp = rospy.Time(0)
         self.trouble = ""
-        self.used = {}
+        self.used: Dict[str, rospy.Time] = {}
 
     def used_of(self, message: Any) -> rospy.Time:
         """Return the stamp of the last used message in the frame of `message`; 0 for none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Mapping
+from typing import Callable, Dict
 
 import numpy as np
 
@@ -22,18 +22,18 @@ from applr_ros1.planner.parameters.layers import (
     STATIC_LAYER,
     LayerSection,
     layers,
-    sources,
 )
+from applr_ros1.planner.parameters.trees import Tree, Values
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 
-LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] = {
+LOCAL_PLANNERS: Dict[str, Callable[[Tree, np.ndarray], LocalPlanner]] = {
     "base_local_planner/TrajectoryPlannerROS": TrajectoryLocalPlanner,
     # DWAPlannerROS takes the footprint from the costmap in each cycle.
     "dwa_local_planner/DWAPlannerROS": lambda params, footprint: DWALocalPlanner(params),
 }
 
 
-def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlanner:
+def make_local_planner(full: Tree, config: Configuration) -> LocalPlanner:
     """Return the local planner named by base_local_planner, with the current values.
 
     Parameters that a planner reads only once, like TrajectoryPlannerROS's footprint, have their
@@ -57,7 +57,7 @@ def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlan
     return planner
 
 
-def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Costmap:
+def make_costmap(name: str, static: Tree, config: Configuration) -> Costmap:
     """Return an empty costmap with the layers listed in its parameters.
 
     Args:
@@ -81,7 +81,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     )
 
 
-def _make_layer(layer: LayerSection, current: Mapping[str, Any]) -> Layer:
+def _make_layer(layer: LayerSection, current: Values) -> Layer:
     """Return a layer of a costmap.
 
     Args:
@@ -96,6 +96,6 @@ def _make_layer(layer: LayerSection, current: Mapping[str, Any]) -> Layer:
     return ObstacleLayer(
         layer.name,
         ObstacleParameters(**current),
-        [Source(**static[name]) for name in sources(static)],
+        [Source(**static[name]) for name in layer.sources],
         UNKNOWN if static["track_unknown_space"] else FREE,
     )

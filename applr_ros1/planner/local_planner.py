@@ -14,6 +14,8 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
 
+NO_POSES = np.zeros((0, 3))
+
 
 class LocalPlanner(abc.ABC):
     """Base class of the local planners.
@@ -36,6 +38,7 @@ class LocalPlanner(abc.ABC):
     goal_reached: bool
     is_turning: bool = False
     cropped_plan: np.ndarray
+    _choice: Any = None  # choice among the samples of this cycle, if it drives one
 
     @abc.abstractmethod
     def set_plan(self, plan: np.ndarray) -> None:
@@ -86,9 +89,12 @@ class LocalPlanner(abc.ABC):
         return {}
 
     @property
-    @abc.abstractmethod
     def local_plan(self) -> np.ndarray:
-        """Points (k, 3) x, y, yaw of this cycle's trajectory, empty if there is none."""
+        """Points (k, 3) x, y, yaw of this cycle's trajectory.
+
+        Empty if there is none, as while stopping or turning at the goal.
+        """
+        return NO_POSES if self._choice is None else self._choice.points
 
     @abc.abstractmethod
     def cost_cloud(self, costmap: Any) -> np.ndarray:

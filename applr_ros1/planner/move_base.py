@@ -7,7 +7,7 @@ a clock nor a random source: time and seed are arguments. state_machine.py handl
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple, Union
+from typing import Dict, Iterable, List, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -24,9 +24,10 @@ from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.observation_router import ObservationRouter, Sensed
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
-from applr_ros1.planner.parameters.declarations import Server, namespace, servers
+from applr_ros1.planner.parameters.declarations import Server, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.settings import Settings, are_in_force
+from applr_ros1.planner.parameters.trees import Tree, Values
 from applr_ros1.planner.state_machine import (
     NO_PLAN,
     Components,
@@ -65,9 +66,7 @@ class MoveBase:
         ParameterError, ApplrError: the parameters cannot be used. The message has one line.
     """
 
-    def __init__(
-        self, params: Dict[str, Any], planner: str = OURS, seed: Union[int, Sequence[int]] = 0
-    ):
+    def __init__(self, params: Tree, planner: str = OURS, seed: Union[int, Sequence[int]] = 0):
         self.parameters = complete(params)
         self.local_planner_name = namespace(self.parameters["base_local_planner"])
         self._config = Configuration(self.parameters)
@@ -456,9 +455,9 @@ class MoveBase:
     @property
     def servers(self) -> Dict[str, Server]:
         """dynamic_reconfigure servers by name. move_base's own server has the name ""."""
-        return servers(self.parameters)
+        return self._config.servers
 
-    def configuration(self, server: str) -> Mapping[str, Any]:
+    def configuration(self, server: str) -> Values:
         """Return the current values of a server ("", "TrajectoryPlannerROS", ...).
 
         Raises:
@@ -471,7 +470,7 @@ class MoveBase:
         """Settings of all servers at start-up, as given by the parameter files."""
         return self._config.start_up
 
-    def reconfigure(self, server: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    def reconfigure(self, server: str, values: Values) -> Values:
         """Apply `values`, clamped to their bounds, and return the resulting values.
 
         As in C++, each call of a costmap's server clears the costmap, even with unchanged values,

@@ -7,7 +7,7 @@ None, so a rotation can be cancelled between two cycles.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional, Union
+from typing import Dict, List, Optional, Union
 
 from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.planner.costmap.costmap import Costmap
@@ -15,6 +15,7 @@ from applr_ros1.planner.parameters.move_base_parameters import (
     DEFAULT_RECOVERIES,
     RECOVERY_TYPES,
 )
+from applr_ros1.planner.parameters.trees import Tree
 from applr_ros1.planner.sampling_planner import angle_difference
 
 # Time limit of a rotation as a multiple of its unhindered time. C++ has no limit.
@@ -77,7 +78,7 @@ class RotateRecovery:
     def __init__(
         self,
         name: str,
-        planner: Dict[str, Any],
+        planner: Tree,
         sim_granularity: float = 0.017,
         like_cpp: bool = False,
     ):
@@ -149,7 +150,7 @@ class RotateRecovery:
 Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
 
 
-def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]:
+def build(parameters: Tree, like_cpp: bool = False) -> List[Behaviour]:
     """Return the behaviours in order, from a complete parameter tree, as C++ does at start-up.
 
     The default list omits rotations if `clearing_rotation_allowed` is False. A custom list is used
@@ -174,7 +175,7 @@ def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]
     return sequence
 
 
-def _make(name: str, clears: bool, parameters: Dict[str, Any], like_cpp: bool) -> Behaviour:
+def _make(name: str, clears: bool, parameters: Tree, like_cpp: bool) -> Behaviour:
     if clears:
         return ClearCostmapRecovery(name, parameters[name]["reset_distance"], like_cpp)
     # As in C++, the limits are those of this planner, whichever drives.

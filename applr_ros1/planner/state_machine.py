@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from random import Random
-from typing import Any, Callable, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.escape import Escape
 from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.parameters.trees import Values
 from applr_ros1.planner.recovery import Behaviour
 
 # Share of a period by which a step may be early and still count, so that jitter skips no turn.
@@ -152,7 +153,7 @@ class CycleInput(NamedTuple):
     global_pose: Optional[Pose]
     local_origin: Optional[Pose]
     twist: Twist
-    settings: Mapping[str, Any]
+    settings: Values
     scan_is_stale: bool
 
 

@@ -20,7 +20,7 @@ from applr_ros1.common import files
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.common.tensors import unpack
-from applr_ros1.policy.decision import Context, Method
+from applr_ros1.policy.decision import Context, Metadata, Method
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, ENCODINGS
 from applr_ros1.policy.encoding import (
     PAPER,
@@ -55,7 +55,7 @@ class _FromFile(Method):
 
     redraws_stalled = False
     path = ""
-    metadata: Dict[str, Any] = {}
+    metadata: Metadata = {}
 
     def describe(self) -> Dict[str, Any]:
         """Return the policy's class, file name and checksum."""
@@ -75,9 +75,7 @@ class Policy(_FromFile):
         metadata: Metadata of the policy's file, {str: JSON value}.
     """
 
-    def __init__(
-        self, encoding: Encoding, layers: Layers, metadata: Optional[Dict[str, Any]] = None
-    ):
+    def __init__(self, encoding: Encoding, layers: Layers, metadata: Optional[Metadata] = None):
         self.encoding = encoding
         self.layers = layers
         self.metadata = metadata or {}
@@ -92,7 +90,7 @@ class Policy(_FromFile):
         cls,
         weights: Weights,
         encoding: Optional[Encoding] = None,
-        metadata: Optional[Dict[str, Any]] = None,
+        metadata: Optional[Metadata] = None,
     ) -> Policy:
         """Make a policy from the tensors of its network.
 
@@ -133,8 +131,7 @@ class Policy(_FromFile):
 
         NaN is propagated.
         """
-        action: Array32 = np.tanh(forward(self.layers, observation))
-        return action
+        return np.tanh(forward(self.layers, observation))
 
     def theta(self, context: Optional[Context]) -> Array:
         """Return the parameters (n,) of a decision, which the Pilot clips.
@@ -182,7 +179,7 @@ class ContextPolicy(_FromFile):
         self.layers = _fitting(weights, layout.beams, len(self.names))
 
     @classmethod
-    def of(cls, weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
+    def of(cls, weights: Weights, metadata: Metadata, robot: Robot) -> ContextPolicy:
         """Make the policy from a file's tensors and metadata.
 
         Raises ApplrError if they are for another robot.
@@ -251,7 +248,7 @@ def load(
 def save(
     path: Union[str, "os.PathLike[str]"],
     weights: Weights,
-    metadata: Optional[Mapping[str, Any]] = None,
+    metadata: Optional[Metadata] = None,
     encoding: Optional[Encoding] = None,
 ) -> None:
     """Write a policy to a file atomically: to a temporary file beside it, which is then renamed.
@@ -280,7 +277,7 @@ def save_contexts(
     path: Union[str, "os.PathLike[str]"],
     contexts: Weights,
     weights: Weights,
-    metadata: Optional[Mapping[str, Any]] = None,
+    metadata: Optional[Metadata] = None,
     space: Space = SPACE,
     layout: Layout = LAYOUT,
 ) -> None:
@@ -317,9 +314,7 @@ def _without_mirror_images(weights: Weights, mirror: Mirror) -> Optional[Dict[st
     return original_networks
 
 
-def _write(
-    path: Any, weights: Dict[str, Array32], file_format: str, metadata: Mapping[str, Any]
-) -> None:
+def _write(path: Any, weights: Dict[str, Array32], file_format: str, metadata: Metadata) -> None:
     """Write tensors and metadata to a file of a format."""
     header = {entry_name: json.dumps(entry) for entry_name, entry in metadata.items()}
     header["format"] = file_format

@@ -9,10 +9,12 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT, goal_angle, local_goal, observe, without_gaps
 from applr_ros1.policy.parameter_space import SPACE, Space
 
+Metadata = Mapping[str, Any]  # metadata of a policy's file: JSON values by name
 PERIOD = 2.0  # decision period of the paper, and default of policy files [s]
 
 
@@ -23,13 +25,13 @@ class Seen(NamedTuple):
     frame [rad], and the angle between two beams [rad]. The other fields are as in a Context.
     """
 
-    scan: Tuple[np.ndarray, float, float]
+    scan: Tuple[Array32, float, float]
     time: float
     pose: Pose
     twist: Twist
     goal: Pose
-    plan: np.ndarray
-    movers: np.ndarray
+    plan: Array
+    movers: Array
 
 
 @dataclass(frozen=True)
@@ -52,20 +54,20 @@ class Context:
         layout: Layout of ranges.
     """
 
-    ranges: np.ndarray
+    ranges: Array32
     phi: float
-    theta: np.ndarray
+    theta: Array
     time: float
     pose: Pose = (0.0, 0.0, 0.0)
     twist: Twist = (0.0, 0.0)
     goal: Pose = (0.0, 0.0, 0.0)
-    plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    movers: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    plan: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    movers: Array = field(default_factory=lambda: np.zeros((0, 4)))
     space: Space = SPACE
     layout: Layout = LAYOUT
 
     @classmethod
-    def of(cls, theta: np.ndarray, seen: Seen, space: Space, layout: Layout) -> Context:
+    def of(cls, theta: Array, seen: Seen, space: Space, layout: Layout) -> Context:
         """Make the context from raw inputs, for a layout.
 
         Without a plan, the goal is used as the local goal.
@@ -97,7 +99,7 @@ class Context:
         )
 
     @cached_property
-    def observation(self) -> np.ndarray:
+    def observation(self) -> Array32:
         """Observation (729,) float32 in [-1, 1]: capped scan, goal angle, current parameters.
 
         Sizes and cap differ for robots other than the Jackal. Raises ObservationError as
@@ -106,7 +108,7 @@ class Context:
         return observe(self.ranges, self.phi, self.theta, self.space, self.layout)
 
 
-def period_of(metadata: Mapping[str, Any]) -> float:
+def period_of(metadata: Metadata) -> float:
     """Return the decision period [s] in a policy file's metadata, or the paper's."""
     return float(metadata.get("period_s", PERIOD))
 
@@ -144,7 +146,7 @@ class Method:
     def reset(self, seed: int) -> None:
         """Prepare for a new course, and seed all random draws."""
 
-    def theta(self, context: Optional[Context]) -> np.ndarray:
+    def theta(self, context: Optional[Context]) -> Array:
         """Return the parameters (n,) to use until the next decision.
 
         Raise ApplrError if the method cannot decide.

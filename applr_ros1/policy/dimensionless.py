@@ -18,14 +18,14 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple, Type
 import numpy as np
 
 from applr_ros1.common.angles import inverse, transform_motions
-from applr_ros1.common.arrays import Array
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.parameters.trees import branch
-from applr_ros1.policy.decision import Context, period_of
+from applr_ros1.planner.parameters.trees import Tree
+from applr_ros1.policy.decision import Context, Metadata, period_of
 from applr_ros1.policy.encoding import PAPER, Encoding, PaperEncoding
 from applr_ros1.policy.layout import TURN_RAD, Layout
-from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
+from applr_ros1.policy.observation import goal_angle, half_view_of, local_goal, without_gaps
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import WIDTH as JACKAL_WIDTH
 from applr_ros1.robots.learned import DWA, NAMES, OUTPUTS
@@ -89,14 +89,14 @@ class OutputScale:
         linear_share = (values - self.low) / (self.high - self.low)
         # A logarithmic parameter may be set to 0, for which the action is -1.
         logarithmic_share = np.log2(np.maximum(values, 1e-9) / self._first) / self._octaves
-        action: Array = 2.0 * np.where(self._is_log, logarithmic_share, linear_share) - 1.0
+        action = 2.0 * np.where(self._is_log, logarithmic_share, linear_share) - 1.0
         return np.clip(action, -1.0, 1.0)
 
     def decode(self, action: Array) -> Array:
         """Return the values (m,) for an action (m,), which is clipped to [-1, 1]."""
         range_share = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0)
         linear_values = self.low + range_share * (self.high - self.low)
-        logarithmic_values: Array = self._first * 2.0 ** (self._octaves * range_share)
+        logarithmic_values = self._first * 2.0 ** (self._octaves * range_share)
         return np.where(self._is_log, logarithmic_values, linear_values)
 
 
@@ -135,12 +135,14 @@ class DimensionlessEncoding(Encoding):
             )
         super().__init__(robot, period, base)
         tree = robot.all_parameters()
-        self.width = float(np.ptp(footprint.padded(tree["local_costmap"])[:, 1]))
+        planner_values = tree[robot.local_planner]
+        costmap = tree["local_costmap"]
+        self.width = float(np.ptp(footprint.padded(costmap)[:, 1]))
         self.layout = _layout(robot, self.width)
         self.scale = self.width / JACKAL_WIDTH
         self.pace = self.scale * JACKAL_SPEED / robot.base.max_speed
 
-        resolution = float(tree["local_costmap"]["resolution"])
+        resolution = float(costmap["resolution"])
         # DWAPlannerROS multiplies its distance biases by the resolution; others count per cell.
         per_cell = 1.0
         if robot.local_planner == DWA:
@@ -171,17 +173,17 @@ class DimensionlessEncoding(Encoding):
         base_values = {**self.space.as_dict(self.space.theta0), **self.base}
         self._base = self.space.clip([base_values[name] for name in self.space.names])
         # Values (m,) of OUTPUTS that are not of use
-        defaults = [_default(tree, robot.local_planner, output_name) for output_name in OUTPUTS]
+        defaults = [_default(planner_values, costmap, output_name) for output_name in OUTPUTS]
         self._defaults = np.array(defaults, dtype=np.float64)
-        self._description = _description(robot, tree, self.width, resolution)
+        self._description = _description(robot, tree, self.width)
         self.forget_decision()
 
-    def to_metadata(self) -> Dict[str, Any]:
+    def to_metadata(self) -> Metadata:
         """Return version, period and base, which do not depend on the robot."""
         return {"observation": VERSION, "period_s": self.period, "base": self.base}
 
     @classmethod
-    def of(cls, metadata: Mapping[str, Any], robot: Robot) -> DimensionlessEncoding:
+    def of(cls, metadata: Metadata, robot: Robot) -> DimensionlessEncoding:
         """Make the encoding from a policy's metadata, for any robot."""
         if metadata["observation"] != VERSION:
             raise ApplrError(f"its observation is {metadata['observation']}: {VERSION} is needed")
@@ -189,16 +191,16 @@ class DimensionlessEncoding(Encoding):
 
     def forget_decision(self) -> None:
         """Forget the previous decision at the start of a course."""
-        self._previous: Optional[Tuple[np.ndarray, Context]] = None  # scan entries and Context
+        self._previous: Optional[Tuple[Array, Context]] = None  # scan entries and Context
 
-    def action(self, theta: Any) -> np.ndarray:
+    def action(self, theta: Any) -> Array:
         """Return the action (12,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
         output_values = self._defaults.copy()
         for theta_index, output_index in self._places:
             output_values[output_index] = theta[theta_index]
         return self._scale.encode(output_values)
 
-    def theta(self, action: Any) -> np.ndarray:
+    def theta(self, action: Any) -> Array:
         """Return the parameters (n,) for an action (12,).
 
         They may leave the robot's ranges, and counts are not rounded.
@@ -212,7 +214,7 @@ class DimensionlessEncoding(Encoding):
             theta[theta_index] = output_values[output_index]
         return theta
 
-    def observe(self, context: Context) -> np.ndarray:
+    def observe(self, context: Context) -> Array32:
         """Return the observation (SIZE,) float32, and keep scan and context for the next one."""
         scan = self._scan(context.ranges)
         # At the first decision, nothing has changed.
@@ -227,7 +229,7 @@ class DimensionlessEncoding(Encoding):
         other_entries = np.clip(np.concatenate(entries), -1.0, 1.0)
         return np.concatenate([scan, previous_scan, other_entries]).astype(np.float32)
 
-    def _motion(self, context: Context, previous: Context) -> np.ndarray:
+    def _motion(self, context: Context, previous: Context) -> Array:
         """Return the entries (MOVING,) for route and motion since the `previous` decision."""
         base = self.robot.base
         x, y, yaw = context.pose
@@ -269,7 +271,7 @@ class DimensionlessEncoding(Encoding):
             ]
         )
 
-    def _movers(self, context: Context) -> np.ndarray:
+    def _movers(self, context: Context) -> Array:
         """Return the scaled x, y, vx, vy (4 MOVERS,) of the nearest moving obstacles.
 
         They are in the robot's frame.
@@ -285,7 +287,7 @@ class DimensionlessEncoding(Encoding):
         missing_movers = np.tile(NO_MOVER, MOVERS - len(nearest_movers))
         return np.concatenate([nearest_movers.ravel(), missing_movers])
 
-    def _scan(self, ranges: np.ndarray) -> np.ndarray:
+    def _scan(self, ranges: Array32) -> Array:
         """Return ranges (beams,) [m] as entries (SECTORS,) in [-1, 1].
 
         Short ranges have a higher resolution.
@@ -304,15 +306,9 @@ def _layout(robot: Robot, width: float) -> Layout:
 
     Its sectors are those of the laser's view that are symmetric about straight ahead.
     """
-    first_angle, last_angle = robot.laser.view
-    half_view = min(-first_angle, last_angle)
-    if robot.laser.covers_full_turn:
-        half_view = math.pi
     sector_angle = TURN_RAD / SECTORS
+    half_view = half_view_of(robot, 0.5 * sector_angle)
     beams = 2 * min(SECTORS // 2, int(half_view / sector_angle + 0.5))
-    if beams < 2:
-        view = f"{first_angle:.3f} to {last_angle:.3f} rad"
-        raise ApplrError(f"robot {robot.name}: its laser covers {view}, not ahead")
     last_centre = 0.5 * (beams - 1) * sector_angle  # direction of the last sector's centre [rad]
     return Layout(
         beams=beams,
@@ -323,27 +319,27 @@ def _layout(robot: Robot, width: float) -> Layout:
     )
 
 
-def _default(tree: Dict[str, Any], planner: str, output: str) -> float:
-    """Return the value of a policy output in a complete parameter tree, or 0.0 without one."""
-    planner_values = branch(tree, planner)
+def _default(planner_values: Tree, costmap: Tree, output: str) -> float:
+    """Return the value of a policy output in planner or local costmap, or 0.0 without one."""
     # Planners name the same value differently: any parameter that the output sets will do.
     for parameter_name, output_name in NAMES.items():
         if output_name == output and parameter_name in planner_values:
             return float(planner_values[parameter_name])
-    for layer in branch(tree, "local_costmap").values():
+    for layer in costmap.values():
         if isinstance(layer, dict) and output in layer:
             return float(layer[output])
     return 0.0
 
 
-def _description(robot: Robot, tree: Dict[str, Any], width: float, resolution: float) -> np.ndarray:
+def _description(robot: Robot, tree: Tree, width: float) -> Array:
     """Return the entries (DESCRIBED,) that describe the robot, each about -1 to 1.
 
     Quantities of a wide range are logarithmic.
     """
     base = robot.base
     laser = robot.laser
-    planner_values = branch(tree, robot.local_planner)
+    planner_values = tree[robot.local_planner]
+    costmap = tree["local_costmap"]
     # The planner's limits apply, unless the base allows less.
     acceleration = min(base.max_acceleration, planner_values["acc_lim_x"])
     yaw_acceleration = min(base.max_yaw_acceleration, planner_values["acc_lim_theta"])
@@ -360,8 +356,8 @@ def _description(robot: Robot, tree: Dict[str, Any], width: float, resolution: f
             0.5 * math.log2(tree["controller_frequency"] / 10.0),
             0.4 * math.log2(laser.rate / 15.0),
             2.0 * view_share - 1.0,
-            0.5 * math.log2(width / resolution / 8.0),
-            0.5 * math.log2(branch(tree, "local_costmap")["width"] / width / 10.0),
+            0.5 * math.log2(width / costmap["resolution"] / 8.0),
+            0.5 * math.log2(costmap["width"] / width / 10.0),
             1.0 if base.drive == "two_wheel" else -1.0,
             1.0 if robot.local_planner == DWA else -1.0,
         ]

@@ -10,8 +10,9 @@ from typing import Any, ClassVar, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array, Array32, Data
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.decision import PERIOD, Context, period_of
+from applr_ros1.policy.decision import PERIOD, Context, Metadata, period_of
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -26,8 +27,8 @@ class Mirror(NamedTuple):
     order: (n,) int; sign: (n,) float32, 1 or -1.
     """
 
-    order: np.ndarray
-    sign: np.ndarray
+    order: Data
+    sign: Data
 
     @classmethod
     def of(
@@ -50,7 +51,7 @@ class Mirror(NamedTuple):
         return cls(order, sign)
 
 
-def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
+def with_mirror_images(weights: Mapping[str, Array32], mirror: Mirror) -> Dict[str, Array32]:
     """Return an ensemble with each network and its mirror image.
 
     The mirror image is the same network on the mirrored observation.
@@ -129,7 +130,7 @@ class Encoding:
         """Left-right reflection of an observation."""
         return Mirror.of(self.scan, self.size - self.scan, self.scans, self.mirror_sign)
 
-    def to_metadata(self) -> Dict[str, Any]:
+    def to_metadata(self) -> Metadata:
         """Return the metadata of the encoding for a policy's file, as JSON values.
 
         The inverse is `of`.
@@ -137,7 +138,7 @@ class Encoding:
         raise NotImplementedError
 
     @classmethod
-    def of(cls, metadata: Mapping[str, Any], robot: Robot) -> Encoding:
+    def of(cls, metadata: Metadata, robot: Robot) -> Encoding:
         """Make the encoding from a policy's metadata, for a robot.
 
         Raises ApplrError if they are for another robot.
@@ -147,21 +148,21 @@ class Encoding:
     def forget_decision(self) -> None:
         """Forget the previous decision at the start of a course."""
 
-    def observe(self, context: Context) -> np.ndarray:
+    def observe(self, context: Context) -> Array32:
         """Return the observation (size,) float32 of a decision.
 
         Raises ObservationError as observation.observe does.
         """
         raise NotImplementedError
 
-    def theta(self, action: Any) -> np.ndarray:
+    def theta(self, action: Any) -> Array:
         """Return the parameters (n,) for an action (actions,), which the Pilot clips.
 
         Raises ApplrError for NaN, infinity and another length.
         """
         raise NotImplementedError
 
-    def action(self, theta: Any) -> np.ndarray:
+    def action(self, theta: Any) -> Array:
         """Return the action (actions,) in [-1, 1] that encodes parameters (n,)."""
         raise NotImplementedError
 
@@ -192,13 +193,13 @@ class PaperEncoding(Encoding):
         self.actions = len(self.chosen)
         self.size = self.scan + 1 + self.actions
 
-    def to_metadata(self) -> Dict[str, Any]:
+    def to_metadata(self) -> Metadata:
         """Return robot, space and layout. The period may be added to a policy's file separately."""
         space = self.space.chosen
         return {"robot": space.robot, "space": space.to_dict(), "layout": self.layout.to_dict()}
 
     @classmethod
-    def of(cls, metadata: Mapping[str, Any], robot: Robot) -> PaperEncoding:
+    def of(cls, metadata: Metadata, robot: Robot) -> PaperEncoding:
         """Make the encoding from a policy's metadata, for the same robot.
 
         Only the default parameters may differ.
@@ -215,15 +216,15 @@ class PaperEncoding(Encoding):
                 )
         return cls(robot, period_of(metadata), layout=Layout.from_dict(metadata["layout"]))
 
-    def observe(self, context: Context) -> np.ndarray:
+    def observe(self, context: Context) -> Array32:
         """Return the observation of a Context."""
         return context.observation
 
-    def theta(self, action: Any) -> np.ndarray:
+    def theta(self, action: Any) -> Array:
         """Return the parameters (n,): space.chosen from the action, the others by default."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
-    def action(self, theta: Any) -> np.ndarray:
+    def action(self, theta: Any) -> Array:
         """Return the action for parameters (n,).
 
         Values beyond the ranges, which a user may set, are clipped.
@@ -231,7 +232,7 @@ class PaperEncoding(Encoding):
         return self.space.chosen.to_action(self.space.chosen_of(theta))
 
 
-def check_robot(metadata: Mapping[str, Any], robot: Robot) -> None:
+def check_robot(metadata: Metadata, robot: Robot) -> None:
     """Raise ApplrError if a policy's metadata are for another robot."""
     if metadata.get("robot") != robot.name:
         raise ApplrError(f"made for the robot {metadata.get('robot')}: this robot is {robot.name}")

@@ -15,7 +15,7 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
-from applr_ros1.common.arrays import Array, Array32, Ints
+from applr_ros1.common.arrays import Array, Array32, Ints, nearest_rows
 from applr_ros1.common.errors import ApplrError
 
 # Angle by which a scan may be narrower than the layout, on each side [rad]
@@ -66,8 +66,7 @@ class Layout:
     @property
     def angles(self) -> Array:
         """Directions (beams,) of the centres of the sectors [rad]."""
-        angles: Array = self.angle_min + self.step * np.arange(self.beams, dtype=np.float64)
-        return angles
+        return self.angle_min + self.step * np.arange(self.beams, dtype=np.float64)
 
     def to_dict(self) -> Dict[str, Any]:
         """Return the layout as JSON values for a policy's file."""
@@ -105,7 +104,7 @@ class Layout:
             ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or
                 has no geometry.
         """
-        distances: Array32 = np.asarray(ranges, dtype=np.float32)
+        distances = np.asarray(ranges, dtype=np.float32)
         sectors = _sectors(self, len(distances), float(angle_min), float(angle_increment))
         if sectors is None:
             return distances
@@ -149,12 +148,8 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[
     angles = repeated_angles[order]
     source = np.tile(np.arange(count), len(TURNS))[order]
 
-    # The beam nearest to a sector's centre is the last one before it or the first one after it.
     centres = layout.angles
-    later_beams = np.searchsorted(angles, centres)
-    later_beams = np.clip(later_beams, 1, len(angles) - 1)
-    is_earlier_nearer = centres - angles[later_beams - 1] <= angles[later_beams] - centres
-    nearest_beams = later_beams - is_earlier_nearer
+    nearest_beams = nearest_rows(angles, centres)
 
     # A sector is covered if this beam lies within half a beam of its centre, up to the tolerance.
     largest_offset = 0.5 * abs(step) + ANGLE_TOLERANCE_RAD

@@ -190,33 +190,26 @@ def _default(robot: Robot) -> FixedParameters:
     return FixedParameters(space.from_dict({}), space, redraws_stalled=False)
 
 
-def _auto(robot: Robot) -> Method:
-    constructor, _ = METHODS[auto(robot)]
-    return constructor(robot)
-
-
-def _random(robot: Robot) -> Method:
-    return RandomParameters(space_of(robot))
-
-
-def _contexts(robot: Robot) -> Method:
-    return actor.load(shipped(CONTEXTS, robot), robot)
-
-
 METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "dwa": (_default, "the planner's default parameters, theta_0"),
     "auto": (
-        _auto,
+        lambda robot: make(auto(robot), robot),
         "applr if the robot's folder has a policy, else static if it has a tuned set, else dwa",
     ),
     "static": (_tuned, "the best constant parameter set that CMA-ES found on the training worlds"),
-    "random": (_random, "uniform over the ranges, at every decision"),
+    "random": (
+        lambda robot: RandomParameters(space_of(robot)),
+        "uniform over the ranges, at every decision",
+    ),
     "explore": (
         _explored,
         "random around the robot's tuned set, else its default parameters, every second",
     ),
     "applr": (_trained, "the robot's policy"),
-    "appld": (_contexts, "the shipped contexts and classifier"),
+    "appld": (
+        lambda robot: actor.load(shipped(CONTEXTS, robot), robot),
+        "the shipped contexts and classifier",
+    ),
 }
 # Reader by ending
 FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}
@@ -253,9 +246,8 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
         raise ApplrError(
             f"method {spec} is for the robot {method.space.robot}: this robot is {robot.name}"
         )
-    method.name = spec
-    if spec == "auto":
-        method.name = auto(robot)  # What drives, for tables and messages
+    # What drives, for tables and messages
+    method.name = auto(robot) if spec == "auto" else spec
     return method
 
 
@@ -325,7 +317,7 @@ def parse(text: str) -> List[Tuple[str, str]]:
     Raises:
         ApplrError: A name is invalid or not unique.
     """
-    methods: Dict[str, str] = {}
+    methods = {}
     for spec in map(str.strip, text.split(",")):
         user_class = USER_METHOD.match(spec)
         if user_class:

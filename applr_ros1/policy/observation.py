@@ -26,6 +26,21 @@ WINDOW = 19
 ORDER = 3
 
 
+def half_view_of(robot: Robot, least: float) -> float:
+    """Return the angle [rad] up to which a robot's laser sees to both sides of straight ahead.
+
+    Raise ObservationError unless it is more than `least` [rad].
+    """
+    if robot.laser.covers_full_turn:
+        return pi
+    first_angle, last_angle = robot.laser.view
+    half_view = min(-first_angle, last_angle)
+    if half_view <= least:
+        view = f"{first_angle:.3f} to {last_angle:.3f} rad"
+        raise ObservationError(f"robot {robot.name}: its laser covers {view}, not ahead")
+    return half_view
+
+
 @lru_cache(maxsize=32)
 def layout_of(robot: Robot) -> Layout:
     """Return the default layout of new policies for a robot.
@@ -36,14 +51,10 @@ def layout_of(robot: Robot) -> Layout:
     """
     laser = robot.laser
     beams = min(laser.beams, MOST_BEAMS)
+    half_view = half_view_of(robot, laser.increment)
     if laser.covers_full_turn:
-        half_view = pi - pi / beams  # A beam at pi would be the same as one at -pi.
+        half_view -= pi / beams  # A beam at pi would be the same as one at -pi.
     else:
-        first_angle, last_angle = laser.view
-        half_view = min(-first_angle, last_angle)
-        if half_view <= laser.increment:
-            view = f"{first_angle:.3f} to {last_angle:.3f} rad"
-            raise ObservationError(f"robot {robot.name}: its laser covers {view}, not ahead")
         beams = min(MOST_BEAMS, int(round(2.0 * half_view / laser.increment)) + 1)
     return Layout(
         beams=beams,
@@ -95,8 +106,7 @@ def observe(
 def scaled(ranges: Any, layout: Layout = LAYOUT) -> Array32:
     """Return ranges without NaN [m] as a policy gets them: capped, and scaled to [-1, 1]."""
     capped_ranges = np.clip(np.asarray(ranges, np.float32), 0.0, layout.range_cap)
-    scaled_ranges: Array32 = capped_ranges * (2.0 / layout.range_cap) - 1.0
-    return scaled_ranges
+    return capped_ranges * (2.0 / layout.range_cap) - 1.0
 
 
 def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> Array32:
@@ -105,7 +115,7 @@ def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> Array32:
     Raises:
         ObservationError: The number of beams is wrong, or no beam is valid.
     """
-    filled_ranges: Array32 = np.asarray(ranges, dtype=np.float32)
+    filled_ranges = np.asarray(ranges, dtype=np.float32)
     if filled_ranges.shape != (layout.beams,):
         raise ObservationError(
             f"scan has {filled_ranges.size} beams: the policy takes {layout.beams}; resample it"
@@ -147,14 +157,16 @@ def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tup
     points = plan[:, :2]
     if not (np.isfinite(points).all() and np.isfinite(pose).all()):
         raise ObservationError("global plan or pose is not finite: check odometry and planner")
-    x, y, yaw = pose
-    smooth_x, smooth_y = smooth(points).T
-    dx = smooth_x - x
-    dy = smooth_y - y
-    indices_beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
-    goal_index = indices_beyond[0] if len(indices_beyond) else -1
-    goal_x, goal_y = transform_point((0.0, 0.0, -yaw), dx[goal_index], dy[goal_index])
+    offsets = smooth(points) - pose[:2]
+    dx, dy = offsets[_first_beyond(offsets, lookahead)]
+    goal_x, goal_y = transform_point((0.0, 0.0, -pose[2]), dx, dy)
     return float(goal_x), float(goal_y)
+
+
+def _first_beyond(offsets: Array, distance: float) -> int:
+    """Return the index of the first of offsets (n, 2) longer than a distance [m]; -1 for none."""
+    indices_beyond = np.flatnonzero(np.hypot(*offsets.T) > distance)
+    return int(indices_beyond[0]) if len(indices_beyond) else -1
 
 
 def beginning(plan: Any, pose: Any, distance: float) -> Array:
@@ -167,11 +179,10 @@ def beginning(plan: Any, pose: Any, distance: float) -> Array:
             whole plan [m].
     """
     points = np.asarray(plan, dtype=np.float64)[:, :2]
-    dx, dy = (smooth(points) - pose[:2]).T
-    indices_beyond = np.flatnonzero(np.hypot(dx, dy) > distance)
-    if not len(indices_beyond):
+    index_beyond = _first_beyond(smooth(points) - pose[:2], distance)
+    if index_beyond < 0:
         return points
-    return points[: indices_beyond[0] + WINDOW]  # The filter looks ahead by less than WINDOW.
+    return points[: index_beyond + WINDOW]  # The filter looks ahead by less than WINDOW.
 
 
 def goal_angle(goal: Tuple[float, float]) -> float:
@@ -214,5 +225,5 @@ def _hat(window: int) -> Array:
     Row i has the weights of the points for the value of the cubic at point i.
     """
     x = np.arange(window, dtype=np.float64) - window // 2
-    vandermonde: Array = x[:, None] ** np.arange(ORDER + 1)
+    vandermonde = x[:, None] ** np.arange(ORDER + 1)
     return vandermonde @ np.linalg.pinv(vandermonde)

@@ -26,7 +26,7 @@ from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.parameter import Parameter, by_name
 from applr_ros1.planner.parameters.settings import Change, Settings
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, Values
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
 from applr_ros1.robots.robot import Target
@@ -48,7 +48,7 @@ class ParameterSet(NamedTuple):
             robot's files (decision.Method).
     """
 
-    theta: np.ndarray
+    theta: Array
     obstacle_range: Optional[float] = None
 
 
@@ -81,13 +81,13 @@ class Space:
     """
 
     names: Tuple[str, ...]
-    low: np.ndarray
-    high: np.ndarray
-    integer: np.ndarray
-    theta0: np.ndarray
+    low: Array
+    high: Array
+    integer: Array
+    theta0: Array
     targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
     defaults: Settings = field(default_factory=lambda: Settings({}))
-    global_costmap: Mapping[str, Any] = field(default_factory=dict)
+    global_costmap: Values = field(default_factory=dict)
     robot: str = "jackal"
     fixed: Tuple[str, ...] = ()
 
@@ -99,16 +99,15 @@ class Space:
         """Subspace that policies in the paper's encoding choose: eight for the Jackal."""
         chosen_indices = self._chosen_at
         chosen_names = tuple(self.names[index] for index in chosen_indices)
-        return Space(
+        return replace(
+            self,
             names=chosen_names,
             low=self.low[chosen_indices],
             high=self.high[chosen_indices],
             integer=self.integer[chosen_indices],
             theta0=self.theta0[chosen_indices],
             targets={name: self.targets.get(name, ()) for name in chosen_names},
-            defaults=self.defaults,
-            global_costmap=self.global_costmap,
-            robot=self.robot,
+            fixed=(),
         )
 
     @cached_property
@@ -120,8 +119,7 @@ class Space:
 
         They are those of the subspace `chosen`; fill() is the way back.
         """
-        chosen_values: Array = np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
-        return chosen_values
+        return np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
 
     def fill(self, values: Any) -> Array:
         """Return parameters (n,): the subspace `chosen` from `values` (k,), others from theta_0."""
@@ -158,7 +156,7 @@ class Space:
 
         Raises ApplrError if the length is wrong or a value is not finite.
         """
-        clipped_values: Array = np.clip(self._checked(theta, "parameter"), self.low, self.high)
+        clipped_values = np.clip(self._checked(theta, "parameter"), self.low, self.high)
         # After clipping: the bounds of a count are whole numbers.
         return np.where(self.integer, np.rint(clipped_values), clipped_values)
 
@@ -178,18 +176,17 @@ class Space:
         Values beyond the ranges are clipped.
         """
         range_shares = (self._checked(theta, "parameter") - self.low) / (self.high - self.low)
-        action: Array = np.clip(2.0 * range_shares - 1.0, -1.0, 1.0)
-        return action
+        return np.clip(2.0 * range_shares - 1.0, -1.0, 1.0)
 
     def as_dict(self, theta: Any) -> Dict[str, float]:
         """Return the parameters (n,) as {name: value}, with counts as int."""
-        parameters: Dict[str, float] = {}
+        parameters = {}
         for name, value, is_count in zip(self.names, theta, self.integer):
             # dynamic_reconfigure refuses a float for an int_t, and numpy's types.
             parameters[name] = int(value) if is_count else float(value)
         return parameters
 
-    def from_dict(self, values: Mapping[str, Any]) -> Array:
+    def from_dict(self, values: Values) -> Array:
         """Return the parameters (n,) for {name: value} after a range check.
 
         Missing names are taken from theta_0.
@@ -231,9 +228,9 @@ class Space:
         """
         return self.settings_of(self.as_dict(theta))
 
-    def settings_of(self, values: Mapping[str, Any]) -> Settings:
+    def settings_of(self, values: Values) -> Settings:
         """Return the values that some parameters {name: value} set."""
-        settings: Dict[str, Dict[str, Any]] = {}
+        settings: Dict[str, Tree] = {}
         for parameter_index, target in self.addresses:
             name = self.names[parameter_index]
             if name not in values:
@@ -245,7 +242,7 @@ class Space:
         self._keep_plans_passable(settings)
         return Settings(settings)
 
-    def _keep_plans_passable(self, settings: Dict[str, Dict[str, Any]]) -> None:
+    def _keep_plans_passable(self, settings: Dict[str, Tree]) -> None:
         """Raise the inflation of the global costmap to the smallest one that plans need.
 
         The radius of the robot's files stays. That of the local costmap may be smaller, since the
@@ -309,7 +306,7 @@ class Space:
 
         Raise ApplrError if n is wrong or a number is not finite.
         """
-        vector: Array = np.asarray(numbers, dtype=np.float64)
+        vector = np.asarray(numbers, dtype=np.float64)
         if vector.shape[-1:] != (len(self.names),):
             raise ApplrError(
                 f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed"
@@ -344,8 +341,8 @@ def unchecked_space(robot: Robot) -> Space:
     bounds = []
     integer = []
     theta0 = []
-    targets: Dict[str, Tuple[Target, ...]] = {}
-    defaults: Dict[str, Dict[str, Any]] = {}
+    targets = {}
+    defaults: Dict[str, Tree] = {}
     fixed_names = []
     for parameter in robot.space:
         bounds.append((parameter.low, parameter.high))
@@ -366,7 +363,7 @@ def unchecked_space(robot: Robot) -> Space:
         theta0=np.array(theta0, dtype=np.float64),
         targets=targets,
         defaults=Settings(defaults),
-        global_costmap=branch(tree, GLOBAL_COSTMAP),
+        global_costmap=tree[GLOBAL_COSTMAP],
         robot=robot.name,
         fixed=tuple(fixed_names),
     )

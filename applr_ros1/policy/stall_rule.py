@@ -14,6 +14,7 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
+from applr_ros1.policy.parameter_space import INFLATION_RADIUS
 from applr_ros1.policy.stuck import DEAD_END_S, Stuck
 from applr_ros1.robots import Robot
 
@@ -32,6 +33,9 @@ DRIVING_S = 3.0  # duration of any other phase [s]
 # stall. A body that slides and turns hard spoils the odometry by decimetres. What the robot saw
 # before then stands twice in the costmaps, and closes the way out.
 CLEARING_S = 8.0
+# Parameters that decide which gaps a plan may lead through. A robot whose set has a wider padding
+# than its files can stand where the padded footprint does not fit: no plan leads out of there.
+GAP_PARAMETERS = ("footprint_padding", INFLATION_RADIUS)
 PLAN_M = 0.3  # length of the plan whose direction says whether the way out is behind [m]
 BACKWARDS_M_S = 0.02  # speed backwards at which the robot backs out, not merely slips [m/s]
 SEED = 0x57A1  # first number of the draws' seed, so that methods with the same seed draw others
@@ -48,7 +52,8 @@ class StallRule:
     driven backwards or has stood, and drives for DRIVING_S, by turns. If the plan leads ahead, it
     drives with random parameters and with those of its method, by turns. The method comes first
     where the robot has turned, because it has failed in another direction. The costmaps are cleared
-    every CLEARING_S. A robot within the tolerance of its goal is not stuck. A method refuses with
+    every CLEARING_S. Once the robot has stood, draws leave GAP_PARAMETERS as in its files until the
+    stall ends. A robot within the tolerance of its goal is not stuck. A method refuses with
     `redraws_stalled` (Method).
 
     Args:
@@ -77,6 +82,7 @@ class StallRule:
         """Forget the last stall."""
         self._phase: Optional[_Phase] = None
         self._last_clearing = -math.inf  # time of the last clearing of the costmaps [s]
+        self._has_stood = False  # whether the robot has stood for DEAD_END_S in this stall
         self.clears_costmaps = False
 
     def redraw(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
@@ -97,6 +103,7 @@ class StallRule:
         self.clears_costmaps = since_clearing + TIME_TOLERANCE_S >= CLEARING_S
         if self.clears_costmaps:
             self._last_clearing = context.time
+        self._has_stood |= self._stuck.stands
         # Without a plan, the way out is behind.
         leads_back = plan_leads_back is not False
         phase = self._phase
@@ -115,7 +122,7 @@ class StallRule:
 
     def _begin(self, time: float, leads_back: bool, is_first: bool) -> _Phase:
         """Begin a phase at a time [s]."""
-        phase_values: Dict[str, float] = {}
+        phase_values = {}
         if leads_back or is_first:
             phase_values = self._values(backs_out=leads_back and is_first)
         self._phase = _Phase(time, leads_back, is_first, phase_values)
@@ -128,6 +135,10 @@ class StallRule:
         distance = self._draws.uniform(*BACKING_M)
         drawn_parameters = dict(zip(space.names, self._encoding.theta(action)))
         drawn_values = {name: drawn_parameters[name] for name in self._encoding.chosen}
+        if self._has_stood:
+            for name, default in zip(space.names, space.theta0):
+                if name in GAP_PARAMETERS:
+                    drawn_values[name] = default
         # Only TrajectoryPlannerROS backs out.
         if backs_out and "escape_reset_dist" in space.names:
             drawn_values.update(BACKING_OUT, escape_reset_dist=distance)

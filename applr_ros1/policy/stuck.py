@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Deque, Optional, Tuple
+from typing import Any, Deque, Optional, Tuple
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.times import TIME_TOLERANCE_S
@@ -75,9 +75,7 @@ class Stall:
         """
         self._past.append((time, x, y))
         window_start = time - STALL_TIME_S + TIME_TOLERANCE_S
-        # The first entry becomes the latest position that is old enough.
-        while len(self._past) > 1 and self._past[1][0] <= window_start:
-            self._past.popleft()
+        _forget_before(window_start, self._past)
         oldest_time, *oldest_position = self._past[0]
         if oldest_time <= window_start:
             self.share = min(1.0, math.dist(oldest_position, (x, y)) / self.required)
@@ -182,6 +180,12 @@ class Stuck:
         return is_stuck
 
 
+def _forget_before(time: float, past: Deque[Any]) -> None:
+    """Remove the first entries, so that the latest one until `time` [s] comes first."""
+    while len(past) > 1 and past[1][0] <= time:
+        past.popleft()
+
+
 def _stays(past: Deque[Tuple[float, Pose]], distance: float, angle: float) -> bool:
     """Return whether all poses of DEAD_END_S are within distance [m] and angle [rad].
 
@@ -195,8 +199,7 @@ def _stays(past: Deque[Tuple[float, Pose]], distance: float, angle: float) -> bo
     latest_time, latest_pose = past[-1]
     x, y, yaw = latest_pose
     begin_time = latest_time - DEAD_END_S + TIME_TOLERANCE_S
-    while len(past) > 1 and past[1][0] <= begin_time:
-        past.popleft()
+    _forget_before(begin_time, past)
     for _, (past_x, past_y, past_yaw) in past:
         moved_distance = math.hypot(x - past_x, y - past_y)
         turned_angle = abs(math.remainder(yaw - past_yaw, 2.0 * math.pi))

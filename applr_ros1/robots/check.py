@@ -9,9 +9,10 @@ on ROS's parameter server, outside a robot's folder, are only checked by planner
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from math import copysign, floor, pi
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence
+from typing import Dict, Iterator, List, NamedTuple, Sequence
 
 import numpy as np
 from pydantic import ValidationError
@@ -37,7 +38,7 @@ from applr_ros1.planner.parameters.layers import (
 )
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, Values, branch
 from applr_ros1.robots import geometry
 from applr_ros1.robots.parameter_files import too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter, Target
@@ -128,8 +129,8 @@ class _Setup(NamedTuple):
     """Parameters of a robot: `tree` from its files, `full` with all defaults."""
 
     robot: Robot
-    tree: Dict[str, Any]
-    full: Dict[str, Any]
+    tree: Tree
+    full: Tree
 
     @property
     def planner(self) -> str:
@@ -147,7 +148,7 @@ class Remark(NamedTuple):
     """
 
     line: str
-    correction: Dict[str, Any] = {}
+    correction: Tree = {}
 
 
 def check(robot: Robot) -> List[str]:
@@ -179,14 +180,13 @@ def remarks(robot: Robot) -> List[Remark]:
         found_remarks += _linked_remarks(setup)
         found_remarks += _odometry_remarks(setup)
         found_remarks += _range_remarks(setup)
-        found_remarks += _clearing_remarks(setup)
         found_remarks += _inflation_remarks(setup)
         for costmap in COSTMAPS:
             found_remarks += _costmap_remarks(setup, costmap)
     return found_remarks
 
 
-def crossed_limits(planner: str, values: Mapping[str, Any]) -> List[LimitPair]:
+def crossed_limits(planner: str, values: Values) -> List[LimitPair]:
     """Return the limits of a local planner whose smallest value exceeds the largest one.
 
     Args:
@@ -206,13 +206,7 @@ def refused(error: ValidationError) -> List[str]:
     messages = []
     for problem in error.errors():
         # pydantic's location ("base", "casters", 0) is base.casters[0] in the file.
-        field_path = ""
-        for key in problem["loc"]:
-            if isinstance(key, int):
-                field_path += f"[{key}]"
-            else:
-                field_path += f".{key}"
-        field_path = field_path[1:]
+        field_path = re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", ".".join(map(str, problem["loc"])))
         if problem["type"] == "value_error":  # robot.py raised this error, which names its values.
             message = remedy_of(problem)
             messages.append(f"{field_path}: {message}" if field_path else message)
@@ -327,7 +321,7 @@ def _grip_errors(robot: Robot, balance: geometry.Balance) -> Iterator[str]:
         yield f"monitor.deceleration is {deceleration:g}: {problem}: {remedy}"
 
 
-def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
+def _planner_section(tree: Tree) -> Iterator[str]:
     """Yield an error if the files only hold parameters of a planner that is not in use."""
     plugins = {namespace(plugin): plugin for plugin in LOCAL_PLANNERS}
     used_planner = namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
@@ -356,7 +350,7 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         yield "local_costmap has no observation source: the robot would not see obstacles, add one"
 
 
-def crossing_outlines(full: Dict[str, Any]) -> Iterator[str]:
+def crossing_outlines(full: Tree) -> Iterator[str]:
     """Yield an error for each costmap of a complete tree whose footprint is no simple polygon.
 
     The C++ planner takes it and drives too close to obstacles: the inscribed radius is that of the
@@ -370,7 +364,7 @@ def crossing_outlines(full: Dict[str, Any]) -> Iterator[str]:
             yield f"{costmap}/footprint is {corners!s:.60}: {problem}: {remedy}"
 
 
-def _start_errors(costmap: str, values: Dict[str, Any]) -> Iterator[str]:
+def _start_errors(costmap: str, values: Tree) -> Iterator[str]:
     """Yield an error for each side of a fixed costmap beyond which the robot starts."""
     if values["rolling_window"]:
         return
@@ -415,7 +409,7 @@ def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
             yield f"{costmap}/{parameter_name} is {frame}, {problem}: give {expected}"
 
 
-def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
+def _blind(path: str, source: Tree, robot: Robot) -> str:
     """Return why an observation source does not mark the laser's points; "" if it does."""
     topic = source["topic"]
     scan = robot.topics.scan
@@ -460,7 +454,7 @@ def _space_limits(setup: _Setup) -> Iterator[str]:
                 yield f"{range_field} is {_list(parameter.range)}, {problem}: stay within {limit:g}"
 
 
-def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
+def space_errors(robot: Robot, full: Tree) -> Iterator[str]:
     """Yield the first error of each parameter of a robot's space, compared with a complete tree."""
     known_servers = servers(full)
     for parameter in robot.space:
@@ -469,9 +463,7 @@ def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
             yield f"parameter_space.{parameter.name}: {problem}"
 
 
-def _space_problem(
-    parameter: SpaceParameter, known: Dict[str, Server], full: Dict[str, Any]
-) -> str:
+def _space_problem(parameter: SpaceParameter, known: Dict[str, Server], full: Tree) -> str:
     """Return the first problem of a parameter of a space; "" if there is none."""
     for target in parameter.sets:
         refusal = _refusal(parameter, target, known)
@@ -583,40 +575,34 @@ def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:
 def _range_remarks(setup: _Setup) -> Iterator[Remark]:
     """Yield lasers whose points mark obstacles for less than SIGHT_S at the planner's top speed.
 
-    A parameter set or a policy that drives faster has a range of its own (Method.obstacle_range).
+    Also yield those that mark obstacles beyond the range in which they are cleared. A parameter set
+    or a policy that drives faster has a range of its own (Method.obstacle_range).
     """
     top_speed = setup.full[setup.planner]["max_vel_x"]
     needed = min(SIGHT_S * top_speed, setup.robot.laser.range_max)
     for source in laser_sources(setup.tree):
+        clearing_range = branch(setup.full, source.path)["raytrace_range"]
+        if clearing_range < source.obstacle_range:
+            comparison = f"below obstacle_range ({source.obstacle_range:g})"
+            problem = "what is marked beyond it is not cleared from there"
+            remedy = f"raise it to {source.obstacle_range:g}"
+            label = f"{source.path}/raytrace_range"
+            line = f"{label} is {clearing_range:g}, {comparison}: {problem}, {remedy}"
+            corrected_values = {"raytrace_range": source.obstacle_range}
+            yield Remark(line, _correction(setup, source.path, corrected_values))
         if source.obstacle_range >= needed:
             continue
         sight_s = source.obstacle_range / top_speed
         problem = f"obstacles are marked {sight_s:.2g} s ahead at max_vel_x ({top_speed:g})"
         # Rays that clear farther already keep their range.
-        present_values = branch(setup.full, source.path)
         needed_values = ranges(needed)
-        clearing_range = max(present_values["raytrace_range"], needed_values["raytrace_range"])
+        clearing_range = max(clearing_range, needed_values["raytrace_range"])
         needed_values["raytrace_range"] = clearing_range
         remedy = f"give {needed:g} and raytrace_range {clearing_range:g}"
         line = f"{source.path}/obstacle_range is {source.obstacle_range:g}: {problem}; {remedy}"
 
         # Another source may see farther, so that only this one is corrected.
         yield Remark(line, _correction(setup, source.path, needed_values))
-
-
-def _clearing_remarks(setup: _Setup) -> Iterator[Remark]:
-    """Yield lasers whose points mark obstacles beyond the range in which they are cleared."""
-    for source in laser_sources(setup.tree):
-        clearing_range = branch(setup.full, source.path)["raytrace_range"]
-        if clearing_range >= source.obstacle_range:
-            continue
-        comparison = f"below obstacle_range ({source.obstacle_range:g})"
-        problem = "what is marked beyond it is not cleared from there"
-        remedy = f"raise it to {source.obstacle_range:g}"
-        label = f"{source.path}/raytrace_range"
-        line = f"{label} is {clearing_range:g}, {comparison}: {problem}, {remedy}"
-        corrected_values = {"raytrace_range": source.obstacle_range}
-        yield Remark(line, _correction(setup, source.path, corrected_values))
 
 
 def _inflation_remarks(setup: _Setup) -> Iterator[Remark]:
@@ -635,9 +621,9 @@ def _inflation_remarks(setup: _Setup) -> Iterator[Remark]:
         yield Remark(line, correction)
 
 
-def _correction(setup: _Setup, path: str, values: Mapping[str, Any]) -> Dict[str, Any]:
+def _correction(setup: _Setup, path: str, values: Values) -> Tree:
     """Return the correction that sets values of a costmap's source or layer at a path."""
-    correction: Dict[str, Any] = {}
+    correction: Tree = {}
     branch(correction, section_in_files(setup.tree, path), create=True).update(values)
     return correction
 

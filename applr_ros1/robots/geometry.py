@@ -12,6 +12,7 @@ from typing import List, NamedTuple, Tuple
 import numpy as np
 import scipy
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.robots.robot import Base, Robot
 
 GRAVITY = 9.8  # gravitational acceleration [m/s^2]
@@ -65,7 +66,7 @@ class Balance(NamedTuple):
 
     mass: float
     com: Tuple[float, float]
-    loads: np.ndarray
+    loads: Array
 
 
 def wheel_places(base: Base) -> List[Tuple[float, float]]:
@@ -97,22 +98,14 @@ def parts(robot: Robot) -> List[Rectangle]:
     return rectangles
 
 
-def corners(robot: Robot) -> np.ndarray:
+def corners(robot: Robot) -> Array:
     """Return the corners (n, 2) [m] of a robot's outline.
 
     They are those of all parts of a round body, or of the bounding box of any other robot.
     """
     # The monitor takes the outline as convex: the gaps between wheels and body count as robot.
     if not robot.body.round:
-        box = bounding_box(robot)
-        return np.array(
-            [
-                (box.front, box.left),
-                (box.front, box.right),
-                (box.back, box.right),
-                (box.back, box.left),
-            ]
-        )
+        return _box_corners(robot)
     vertices = []
     for x, y, half_length, half_width in parts(robot):
         for corner_x in (x + half_length, x - half_length):
@@ -120,14 +113,27 @@ def corners(robot: Robot) -> np.ndarray:
     return np.array(vertices)
 
 
-def outline(robot: Robot) -> np.ndarray:
+def _box_corners(robot: Robot) -> Array:
+    """Return the corners (4, 2) [m] of the bounding box, clockwise from the front left one."""
+    box = bounding_box(robot)
+    return np.array(
+        [
+            (box.front, box.left),
+            (box.front, box.right),
+            (box.back, box.right),
+            (box.back, box.left),
+        ]
+    )
+
+
+def outline(robot: Robot) -> Array:
     """Return the corners (n, 2) [m] of the convex outline of a robot, in order around it."""
     points = corners(robot)
-    hull_points: np.ndarray = points[scipy.spatial.ConvexHull(points).vertices]
+    hull_points: Array = points[scipy.spatial.ConvexHull(points).vertices]
     return hull_points
 
 
-def is_oval(points: np.ndarray) -> bool:
+def is_oval(points: Array) -> bool:
     """Return whether points (n, 2) lie within the oval that fills their bounds."""
     lowest = points.min(axis=0)
     highest = points.max(axis=0)
@@ -153,7 +159,7 @@ def radius(robot: Robot) -> float:
     return float(np.hypot(x, y).max())
 
 
-def supports(base: Base) -> np.ndarray:
+def supports(base: Base) -> Array:
     """Return the contact points (n, 2) [m] with the ground: the driven wheels, then the casters."""
     return np.array([*wheel_places(base), *base.casters])
 
@@ -210,13 +216,7 @@ def balance(robot: Robot) -> Balance:
 
 def box_outline(robot: Robot) -> List[List[float]]:
     """Return the corners [x, y] of the box around body and wheels, three digits each [m]."""
-    box = bounding_box(robot)
     outline = []
-    for x, y in (
-        (box.back, box.right),
-        (box.back, box.left),
-        (box.front, box.left),
-        (box.front, box.right),
-    ):
+    for x, y in np.roll(_box_corners(robot), 2, axis=0).tolist():
         outline.append([float(f"{x:.3g}"), float(f"{y:.3g}")])
     return outline

@@ -8,13 +8,13 @@ planner/parameters.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, by_name
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, branch
 from applr_ros1.robots.robot import Base, Body, SpaceParameter, Target, number_at
 
 # Servers, and kinds of servers, that own learnable parameters
@@ -99,7 +99,7 @@ for _row in sorted((row for row in LEARNED if row.policy), key=lambda row: row.p
     NAMES.update(dict.fromkeys(_row.declared.names, _key))
 
 
-def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
+def default_space(base: Base, body: Body, tree: Tree) -> Tuple[SpaceParameter, ...]:
     """Return eleven to fifteen parameters of planners and costmaps.
 
     Their ranges include the initial values.
@@ -111,7 +111,7 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         body: Body of the robot, whose width scales the lengths.
         tree: move_base parameters of the robot.
     """
-    inflation_layers: List[str] = []
+    inflation_layers = []
     with suppress(ParameterError):  # The check reports this error.
         tree = arranged(tree)
         # A parameter is read back from its first server: the local costmap's.
@@ -144,7 +144,7 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
 
 
 def _space_parameter(
-    row: Learned, servers: List[str], units: Dict[str, float], tree: Dict[str, Any]
+    row: Learned, servers: List[str], units: Dict[str, float], tree: Tree
 ) -> SpaceParameter:
     """Return a learnable parameter of some servers.
 

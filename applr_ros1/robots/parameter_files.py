@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Callable, Dict, Iterator
+from typing import Any, Callable, Iterator
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS
-from applr_ros1.planner.parameters.trees import branch, merged
+from applr_ros1.planner.parameters.trees import Tree, branch, merged
 from applr_ros1.robots.file_kinds import kind_of
 
 # Sections below move_base that have files of their own
@@ -37,9 +37,9 @@ class Loader(files.LimitedLoader):
     """
 
 
-def _saved(loader: Any, node: Any) -> Dict[str, Any]:
+def _saved(loader: Any, node: Any) -> Tree:
     """Return the values saved by `dynparam dump` or rqt_reconfigure as a plain mapping."""
-    values: Dict[str, Any] = loader.construct_mapping(node, deep=True).get("dictitems", {})
+    values: Tree = loader.construct_mapping(node, deep=True).get("dictitems", {})
     values.pop("groups", None)  # How rqt_reconfigure shows the parameters
     return values
 
@@ -69,7 +69,7 @@ for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
     Loader.add_implicit_resolver(f"!{_name}", re.compile(rf"^{_name[:3]}\([^)]*\)$"), [_name[0]])
 
 
-def read_yaml(path: Any) -> Dict[str, Any]:
+def read_yaml(path: Any) -> Tree:
     """Read the mapping in a YAML file, {} if the file is empty.
 
     Raise ApplrError if it holds anything else.
@@ -83,7 +83,7 @@ def read_yaml(path: Any) -> Dict[str, Any]:
         return content or {}
 
 
-def nested(path: str) -> Dict[str, Any]:
+def nested(path: str) -> Tree:
     """Read the nested parameters in a YAML file. As for rosparam, a/b: 1 means a: {b: 1}.
 
     Raise ApplrError if the file is of another kind, such as a launch file.
@@ -95,7 +95,7 @@ def nested(path: str) -> Dict[str, Any]:
         return _levels(read_yaml(path))
 
 
-def of_move_base(tree: Dict[str, Any], path: str) -> Dict[str, Any]:
+def of_move_base(tree: Tree, path: str) -> Tree:
     """Return the level named move_base in the nested parameters of a file, or all without one.
 
     Raise ApplrError if there are several, or if it has values that only roslaunch can resolve.
@@ -111,7 +111,7 @@ def of_move_base(tree: Dict[str, Any], path: str) -> Dict[str, Any]:
     return tree
 
 
-def check_resolved(tree: Dict[str, Any], path: str) -> None:
+def check_resolved(tree: Tree, path: str) -> None:
     """Raise ApplrError if names or values in nested parameters of a file have $(arg ...) or such.
 
     roslaunch replaces these in files with subst_value="true".
@@ -124,7 +124,7 @@ def check_resolved(tree: Dict[str, Any], path: str) -> None:
             raise ApplrError(f"{path}: {problem}: {DUMP}")
 
 
-def too_deep(tree: Dict[str, Any]) -> Iterator[str]:
+def too_deep(tree: Tree) -> Iterator[str]:
     """Yield an error for each section that move_base does not read, inside another one."""
     for parent in tree:
         for section_name in PLACES:
@@ -133,7 +133,7 @@ def too_deep(tree: Dict[str, Any]) -> Iterator[str]:
                 yield f"{parent}/{section_name} is one level too deep for move_base: {remedy}"
 
 
-def _move_bases(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+def _move_bases(tree: Tree) -> Iterator[Tree]:
     """Yield the levels named move_base in nested parameters."""
     for name, value in tree.items():
         if isinstance(value, dict) and name == "move_base":
@@ -142,9 +142,9 @@ def _move_bases(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
             yield from _move_bases(value)
 
 
-def _levels(content: Dict[str, Any]) -> Dict[str, Any]:
+def _levels(content: Tree) -> Tree:
     """Return a nested mapping with one level per part of each name."""
-    tree: Dict[str, Any] = {}
+    tree: Tree = {}
     for name, value in content.items():
         # A file may have both a/b: 1 and a section a: both are merged.
         section_path, _, last_name = str(name).strip("/").rpartition("/")

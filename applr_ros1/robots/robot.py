@@ -11,7 +11,7 @@ import copy
 import os
 from dataclasses import dataclass, field, replace
 from math import pi
-from typing import Any, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, model_validator
 from typing_extensions import Annotated, Literal
@@ -22,7 +22,7 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parameters.obstacle_range import seeing
-from applr_ros1.planner.parameters.trees import branch, merged
+from applr_ros1.planner.parameters.trees import Tree, branch, merged
 from applr_ros1.robots.parameter_files import nested, of_move_base, read_yaml
 
 FILE = "robot.yaml"
@@ -341,6 +341,9 @@ class Monitoring(Section):
     mover_acceleration: float = real(
         "m/s^2", 0.0, 20.0, "largest acceleration of a tracked moving obstacle", 1.0
     )
+    passive_safety: bool = value(
+        "", "whether the robot stands before a tracked moving obstacle touches it", True
+    )
 
 
 class Simulation(Section):
@@ -431,7 +434,7 @@ class Target(Section):
         """Convert a parameter's number, or an array, to the value at this address, or back."""
         return -number if self.negated else number
 
-    def value_in(self, tree: Dict[str, Any]) -> Any:
+    def value_in(self, tree: Tree) -> Any:
         """Return the value at this address in a complete tree (check.complete), or None."""
         return branch(tree, self.server).get(self.name)
 
@@ -487,14 +490,14 @@ class ParameterFile(Section):
     file: str
     namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
 
-    def loaded(self, folder: str) -> Dict[str, Any]:
+    def loaded(self, folder: str) -> Tree:
         """Return the nested parameters of the file in a folder.
 
         Raise ApplrError if it cannot be read.
         """
         path = os.path.join(folder, self.file)
         file_parameters = of_move_base(nested(path), path)
-        tree: Dict[str, Any] = {}
+        tree: Tree = {}
         branch(tree, self.namespace, create=True).update(file_parameters)
         return tree
 
@@ -506,9 +509,9 @@ class FileGroup(Section):
     """
 
     files: Tuple[ParameterFile, ...] = ()
-    parameters: Dict[str, Any] = {}
+    parameters: Tree = {}
 
-    def loaded_over(self, tree: Dict[str, Any], folder: str) -> Dict[str, Any]:
+    def loaded_over(self, tree: Tree, folder: str) -> Tree:
         """Return `tree` with the parameters of this group, read from `folder`, on top."""
         for parameter_file in self.files:
             tree = merged(tree, parameter_file.loaded(folder))
@@ -558,7 +561,7 @@ class RobotFile(Section):
     @classmethod
     def _named(cls, content: Any) -> Any:
         """Empty what has no value, and name parameters of the space and targets by their keys."""
-        filled: Dict[str, Any] = {}
+        filled = {}
         for name, value in content.items():
             if value is not None:
                 filled[name] = value
@@ -583,8 +586,15 @@ class RobotFile(Section):
 class MoveBaseSetup(NamedTuple):
     """Nested move_base parameters of a robot, as its launch file loads them."""
 
-    without_map: Dict[str, Any]
-    with_map: Optional[Dict[str, Any]] = None  # None if robot.yaml describes no setup with a map
+    without_map: Tree
+    with_map: Optional[Tree] = None  # None if robot.yaml describes no setup with a map
+
+    def changed(self, change_of: Callable[[Tree], Tree]) -> MoveBaseSetup:
+        """Return the set-up with the change merged into each tree that `change_of` gives for it."""
+        without_map = merged(self.without_map, change_of(self.without_map))
+        if self.with_map is None:
+            return MoveBaseSetup(without_map)
+        return MoveBaseSetup(without_map, merged(self.with_map, change_of(self.with_map)))
 
 
 @dataclass(frozen=True)
@@ -632,12 +642,12 @@ class Robot:
         costmap_frames = {parameters[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS}
         if costmap_frames != {self.frames.odom.lstrip("/")}:
             return self
-        without_map, with_map = self.move_base
         change = {costmap: {"global_frame": self.frames.matched} for costmap in COSTMAPS}
-        return replace(self, move_base=MoveBaseSetup(merged(without_map, change), with_map))
+        without_map = merged(self.move_base.without_map, change)
+        return replace(self, move_base=self.move_base._replace(without_map=without_map))
 
     @property
-    def _tree_in_use(self) -> Dict[str, Any]:
+    def _tree_in_use(self) -> Tree:
         """Nested move_base parameters with which the robot drives."""
         without_map, with_map = self.move_base
         if self.uses_map and with_map is not None:
@@ -652,14 +662,14 @@ class Robot:
     @property
     def goal_tolerance(self) -> float:
         """Distance from a goal [m] within which the planner considers the position reached."""
-        return float(branch(self.all_parameters(), self.local_planner)["xy_goal_tolerance"])
+        return float(self.all_parameters()[self.local_planner]["xy_goal_tolerance"])
 
-    def parameters(self) -> Dict[str, Any]:
+    def parameters(self) -> Tree:
         """Return a copy of the move_base parameters in use (on_map)."""
         # A copy, because a caller may change it, and robots are shared by all.
         return copy.deepcopy(self._tree_in_use)
 
-    def driven_parameters(self) -> Dict[str, Any]:
+    def driven_parameters(self) -> Tree:
         """Return a copy of the parameters in use with which a planner of this package drives.
 
         Its distance biases are per costmap cell, unless a running move_base said otherwise.
@@ -669,35 +679,28 @@ class Robot:
             branch(parameters, namespace(LOCAL_PLANNERS[0]), create=True)["meter_scoring"] = False
         return parameters
 
-    def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
+    def with_parameters(self, tree: Tree, name: str) -> Robot:
         """Return the robot under another name, with parameters that override its files."""
-        without_map, with_map = self.move_base
-        if with_map is not None:
-            with_map = merged(with_map, tree)
-        move_base = MoveBaseSetup(merged(without_map, tree), with_map)
-        return replace(self, name=name, move_base=move_base)
+        return replace(self, name=name, move_base=self.move_base.changed(lambda _: tree))
 
     def seeing(self, obstacle_range: Optional[float]) -> Robot:
         """Return the robot whose costmaps mark obstacles up to a range [m], itself for None."""
         if obstacle_range is None:
             return self
-        without_map, with_map = self.move_base
-        without_map = merged(without_map, seeing(without_map, obstacle_range))
-        if with_map is not None:
-            with_map = merged(with_map, seeing(with_map, obstacle_range))
-        return replace(self, move_base=MoveBaseSetup(without_map, with_map))
+        move_base = self.move_base.changed(lambda tree: seeing(tree, obstacle_range))
+        return replace(self, move_base=move_base)
 
     @property
     def servers(self) -> Dict[str, Server]:
         """Declarations of all parameters that reconfigure changes, by server of move_base."""
         return servers(self.all_parameters())
 
-    def all_parameters(self) -> Dict[str, Any]:
+    def all_parameters(self) -> Tree:
         """Return a copy of the parameters in use, with all defaults filled in."""
         return complete(self.parameters())
 
 
-def number_at(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
+def number_at(tree: Tree, server: str, names: Tuple[str, ...]) -> Optional[float]:
     """Return a server's number under the first of `names` in a parameter tree, or None."""
     # YAML's true and false are numbers in Python.
     section = branch(tree, server)

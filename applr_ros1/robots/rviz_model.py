@@ -8,8 +8,8 @@ robot_description.
 from __future__ import annotations
 
 import sys
-from typing import Iterator, List, Tuple
-from xml.sax.saxutils import quoteattr
+from typing import Iterator, Tuple
+from xml.etree.ElementTree import Element, tostring
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.robots import geometry, load
@@ -23,75 +23,80 @@ def urdf(robot: Robot) -> str:
     laser = robot.laser
     # The description has no size of the laser.
     laser_size = 0.2 * min(robot.body.size[:2])
-    laser_cylinder = _cylinder(laser_size / 2, laser_size)
-
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
+    laser_visual = _visual((0.0, 0.0, 0.0), _cylinder(laser_size / 2, laser_size), "black")
+    x, y, yaw = laser.pose
+    root = _tag("robot", name=robot.name)
     for colour_name, colour_value in _COLOURS:
-        lines.append(f'  <material name="{colour_name}"><color rgba="{colour_value}"/></material>')
+        root.append(_tag("material", _tag("color", rgba=colour_value), name=colour_name))
     visuals = [_body(robot.body), *_wheels(robot.base), *_casters(robot)]
-    lines += _link(robot.frames.base, visuals)
-    lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), laser_cylinder, "black")])
+    root.append(_tag("link", *visuals, name=robot.frames.base))
+    root.append(_tag("link", laser_visual, name=laser.frame))
 
     # The joint places the laser's link on the base, at the height of the scans.
-    x, y, yaw = laser.pose
-    lines += [
-        '  <joint name="laser_mount" type="fixed">',
-        f"    <parent link={quoteattr(robot.frames.base)}/>",
-        f"    <child link={quoteattr(laser.frame)}/>",
-        f'    <origin xyz="{x:g} {y:g} {laser.height:g}" rpy="0 0 {yaw:g}"/>',
-        "  </joint>",
-        "</robot>",
-    ]
-    return "\n".join(lines) + "\n"
+    joint = _tag(
+        "joint",
+        _tag("parent", link=robot.frames.base),
+        _tag("child", link=laser.frame),
+        _tag("origin", xyz=_words(x, y, laser.height), rpy=_words(0.0, 0.0, yaw)),
+        name="laser_mount",
+        type="fixed",
+    )
+    root.append(joint)
+    return tostring(root, encoding="unicode") + "\n"
 
 
-def _body(body: Body) -> str:
-    """Return the line of the body, a box or a cylinder."""
+def _tag(name: str, /, *children: Element, **attributes: str) -> Element:
+    element = Element(name, attributes)
+    element.extend(children)
+    return element
+
+
+def _words(*numbers: float) -> str:
+    return " ".join(map("{:g}".format, numbers))
+
+
+def _body(body: Body) -> Element:
+    """Return the shape of the body, a box or a cylinder."""
     length, width, height = body.size
-    shape_tag = f'<box size="{length:g} {width:g} {height:g}"/>'
+    shape = _tag("box", size=_words(*body.size))
     if body.round:
         # URDF has no elliptic cylinder: an oval body is drawn with its mean radius.
-        shape_tag = _cylinder((length + width) / 4, height)
-    x, y = body.centre
-    return _visual((x, y, body.bottom + height / 2), shape_tag, "body")
+        shape = _cylinder((length + width) / 4, height)
+    return _visual((*body.centre, body.bottom + height / 2), shape, "body")
 
 
-def _wheels(base: Base) -> Iterator[str]:
-    """Yield the line of each driven wheel."""
-    wheel_tag = _cylinder(base.wheel_radius, base.wheel_width)
+def _wheels(base: Base) -> Iterator[Element]:
+    """Yield the shape of each driven wheel."""
     for x, y in geometry.wheel_places(base):
+        wheel = _cylinder(base.wheel_radius, base.wheel_width)
         # A cylinder stands upright unless it is turned by 90 degrees.
-        yield _visual((x, y, base.axle_height), wheel_tag, "black", turn="1.5708 0 0")
+        yield _visual((x, y, base.axle_height), wheel, "black", turn="1.5708 0 0")
 
 
-def _casters(robot: Robot) -> Iterator[str]:
-    """Yield the line of each caster, a ball that fills the space between ground and body."""
+def _casters(robot: Robot) -> Iterator[Element]:
+    """Yield the shape of each caster, a ball that fills the space between ground and body."""
     base = robot.base
     ground_height = base.axle_height - base.wheel_radius
     radius = geometry.caster_radius(robot)
-    ball_tag = f'<sphere radius="{radius:g}"/>'
     for x, y in base.casters:
-        yield _visual((x, y, ground_height + radius), ball_tag, "black")
-
-
-def _link(name: str, visuals: List[str]) -> List[str]:
-    """Return the lines of a link that shows some shapes."""
-    return [f"  <link name={quoteattr(name)}>", *visuals, "  </link>"]
+        ball = _tag("sphere", radius=_words(radius))
+        yield _visual((x, y, ground_height + radius), ball, "black")
 
 
 def _visual(
-    position: Tuple[float, float, float], shape: str, colour: str, turn: str = "0 0 0"
-) -> str:
-    """Return the line of a shape at a position (x, y, z) [m]; `turn` is roll, pitch, yaw [rad]."""
-    x, y, z = position
-    origin_tag = f'<origin xyz="{x:g} {y:g} {z:g}" rpy="{turn}"/>'
-    geometry_tag = f"<geometry>{shape}</geometry>"
-    material_tag = f'<material name="{colour}"/>'
-    return f"    <visual>{origin_tag}{geometry_tag}{material_tag}</visual>"
+    position: Tuple[float, float, float], shape: Element, colour: str, turn: str = "0 0 0"
+) -> Element:
+    """Return a shape at a position (x, y, z) [m]; `turn` is roll, pitch, yaw [rad]."""
+    return _tag(
+        "visual",
+        _tag("origin", xyz=_words(*position), rpy=turn),
+        _tag("geometry", shape),
+        _tag("material", name=colour),
+    )
 
 
-def _cylinder(radius: float, length: float) -> str:
-    return f'<cylinder radius="{radius:g}" length="{length:g}"/>'
+def _cylinder(radius: float, length: float) -> Element:
+    return _tag("cylinder", radius=_words(radius), length=_words(length))
 
 
 def main() -> None:

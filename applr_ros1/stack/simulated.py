@@ -10,6 +10,7 @@ from typing import NamedTuple, Optional, Protocol, Sequence, Union
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, compose, inverse, transform_motions
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.planner.costmap.static_layer import StaticMap
@@ -151,7 +152,7 @@ class SimulatedRobot:
         return self.driver.correction if isinstance(self.driver, Stack) else None
 
     @property
-    def movers(self) -> np.ndarray:
+    def movers(self) -> Array:
         """Tracked moving obstacles (n, 4): x, y [m], vx, vy [m/s] in the frame of plan and goal."""
         movers = self.stack.movers
         if self.origin is None:
@@ -207,11 +208,11 @@ class SimulatedRobot:
     def cycle(self) -> Tick:
         """Drive one control cycle: scan, plan, command and move."""
         before = self.state
-        scan: Optional[LaserScan] = None
+        scan = None
         if before.time + TIME_TOLERANCE_S >= self._scan_due:
             scan = self._scan()
         # Pose of the odometry's frame in the map's
-        origin: Optional[Pose] = None
+        origin = None
         planner_pose = self.place
         if self._to_map is not None:
             origin = self.origin
@@ -231,7 +232,7 @@ class SimulatedRobot:
         self.ranges = scan.ranges
         return scan
 
-    def look(self) -> np.ndarray:
+    def look(self) -> Array32:
         """Return the scan (beams,) float32 [m] on which a decision is based now.
 
         It is the latest one of a laser that is slower than the control cycle, and else a new one.

@@ -10,6 +10,7 @@ from typing import Mapping, NamedTuple, Optional, Sequence, Union
 import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, compose
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan, moved
 from applr_ros1.common.times import TIME_TOLERANCE_S
 from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
@@ -105,7 +106,7 @@ class Stack:
         return self.monitor.matcher.correction
 
     @property
-    def movers(self) -> np.ndarray:
+    def movers(self) -> Array:
         """Tracked moving obstacles (n, 4): x, y [m], vx, vy [m/s] in the odometry frame."""
         if self.prediction is None:
             return np.zeros((0, 4))

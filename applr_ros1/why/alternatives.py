@@ -17,7 +17,7 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances, travelled
 from applr_ros1.planner.parameters.parameter import by_name
-from applr_ros1.planner.parameters.settings import Change, Settings
+from applr_ros1.planner.parameters.settings import Change, Settings, ratio_of
 from applr_ros1.why.diagnosis import Diagnosis
 from applr_ros1.why.factors import values_to_try
 from applr_ros1.why.replay import Replay, ReplayedCycle, some
@@ -29,6 +29,7 @@ LEAST = 3
 LEAD_S = 2.0  # time before an event from which these cycles begin: the way into it shows most [s]
 EARLY = 2.0  # how much early ones among them are preferred, see some()
 AHEAD = 40  # number of control cycles for which the planner drives on
+HEADING = f"Guesses of the replay, {AHEAD} control cycles ahead"  # heading of a list of guesses
 FEW = 2  # step between the cycles from which a value is tried first
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
@@ -81,10 +82,8 @@ class Alternative:
 
         The direction is True away from the default.
         """
-        before = self.change.before
-        after = self.change.after
         is_away = self.change.leads_away(self.default)
-        return is_away, -_distance(before, self.default), _distance(before, after)
+        return is_away, -ratio_of(self.change.before, self.default), self.change.departure
 
     def __str__(self) -> str:
         speeds = f"{self.before.speed:.2f} -> {self.after.speed:.2f} m/s along the plan"
@@ -92,13 +91,6 @@ class Alternative:
         if not math.isfinite(self.before.clearance + self.after.clearance):
             clearances = "no obstacle seen"
         return f"{self.change}: {speeds}, {clearances}"
-
-
-def _distance(a: float, b: float) -> float:
-    """Return the logarithm of the ratio of two values, or their difference if they have none."""
-    if a * b > 0:
-        return abs(math.log(a / b))
-    return abs(a - b)
 
 
 def guesses_of(
@@ -162,11 +154,6 @@ def drive_on(
         results.append((speed, clearances.min(initial=np.inf)))
     # Without cycles there are no rows, but two columns.
     return np.array(results).reshape(-1, 2)
-
-
-def heading(replay: Replay) -> str:
-    """Return the heading of a list of guesses."""
-    return f"Guesses of the replay, {AHEAD * replay.planner.period:g} s ahead"
 
 
 def _speed_along(plan: np.ndarray, track: np.ndarray, seconds: float) -> float:

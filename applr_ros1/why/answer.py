@@ -17,13 +17,14 @@ from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots.geometry import bounding_box
-from applr_ros1.why import alternatives, events
-from applr_ros1.why.alternatives import Alternative
+from applr_ros1.why import events
+from applr_ros1.why.alternatives import HEADING, Alternative
 from applr_ros1.why.costmap_sources import sources_in
 from applr_ros1.why.diagnosis import Diagnosis, usual_row
 from applr_ros1.why.events import GAVE_UP, SAVED, Event
 from applr_ros1.why.outside import OTHER_PLANNER
 from applr_ros1.why.stretch import SLOW
+from applr_ros1.why.touch import touch_of
 
 GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
 LISTED = 4  # number of further events, and of rows of what was tried
@@ -40,7 +41,6 @@ NO_CHANGE = Change("", "", 0.0, 0.0)
 # Attributes of an answer that are JSON values of it as they are
 AS_THEY_ARE = (
     "name",
-    "happened",
     "advice",
     "sure",
     "confidence",
@@ -50,7 +50,6 @@ AS_THEY_ARE = (
     "tried",
     "recorded",
     "alternatives",
-    "alternatives_heading",
     "map",
     "track",
     "top_speed",
@@ -82,7 +81,6 @@ class Answer:
         told_row: Row of the event that is told; -1 if the robot did not stop.
         first_kind: What a black box said when it found the stop; "" without a stop of one.
         first_line: What happened, with time and place, and why.
-        happened: The same as a sentence about the robot, for the top of a page.
         track: Time [s], place x, y [m] and speed [m/s] of the robot.
         top_speed: Mean top speed that the planner allows [m/s].
         map: Places x, y [m] of what the laser saw; empty without a replay, as all that follows.
@@ -93,7 +91,6 @@ class Answer:
 
         commands: Number of recorded commands of the local planner.
         reproduced: Number of those that the replay reproduces.
-        is_doubtful: Whether the planner's reasons in the replay are not to be trusted.
         certainty: How far the replay, and drives in simulation, agree with the recorded drive.
         note: What limits the answer, as what could not be seen; "" if nothing does.
         evidence: Sentences on the topics on which the drive was seen, what could not be seen, and
@@ -102,7 +99,6 @@ class Answer:
         advice: What to change, and what that did when it was driven.
         guess: The replay's best guess: the change that names it, and what changes with it.
         alternatives: All guesses of the replay in words, the best first.
-        alternatives_heading: Heading of them.
         candidates: Changes that may be driven in simulation, the best first, each with its words.
         policy_decides: Whether the robot's policy decides in its simulated drives.
         drives: How simulated drives ended, by their keys. None for values that move_base refuses.
@@ -126,7 +122,6 @@ class Answer:
     told_row: int = -1
     first_kind: str = ""
     first_line: str = ""
-    happened: str = ""
     track: Sequence[List[float]] = ()
     top_speed: float = 0.0
     map: Sequence[List[float]] = ()
@@ -137,7 +132,6 @@ class Answer:
 
     commands: int = 0
     reproduced: int = 0
-    is_doubtful: bool = False
     certainty: str = ""
     note: str = ""
     evidence: Sequence[str] = ()
@@ -145,7 +139,6 @@ class Answer:
     advice: Sequence[str] = ()
     guess: Tuple[Change, ...] = ()
     alternatives: Sequence[str] = ()
-    alternatives_heading: str = ""
     candidates: Sequence[Tuple[Tuple[Change, ...], str]] = ()
     policy_decides: bool = False
     drives: Dict[str, Optional[DriveValues]] = field(default_factory=dict)
@@ -192,7 +185,7 @@ class Answer:
         return [
             *lines,
             *self.driven,
-            *under(self.alternatives_heading, self.alternatives[:LISTED]),
+            *under(HEADING, self.alternatives[:LISTED]),
         ]
 
     @property
@@ -223,7 +216,6 @@ class Answer:
         return {
             **{name: getattr(self, name) for name in AS_THEY_ARE},
             "lines": self.lines,
-            "answer": self.lines,
             "reproduced": self.share,
             "events": list(map(values_of, self.events)),
         }
@@ -276,13 +268,8 @@ def answer_of(diagnosis: Diagnosis, guesses: Sequence[Alternative] = ()) -> Answ
             f"The robot did not stop: its mean speed is {mean_speed:.2f} m/s, "
             f"max_vel_x {diagnosis.top_speed:.2f} m/s."
         )
-        happened = first_line
     else:
-        ending = _ending(diagnosis, told)
-        first_line = f"{told}{ending}."
-        happened = f"The robot {told.kind} from {told.begin:.1f} to {told.end:.1f} s{ending}."
-    if diagnosis.touch is not None:
-        happened = first_line = f"{diagnosis.touch} {first_line}"
+        first_line = f"{told}{_ending(diagnosis, told)}."
     # The measured motion, not the commands: a robot that stands may be told to drive.
     track = np.column_stack([motion.time, motion.pose[:, :2], motion.twist[:, 0]])
     box = bounding_box(diagnosis.robot)
@@ -297,7 +284,6 @@ def answer_of(diagnosis: Diagnosis, guesses: Sequence[Alternative] = ()) -> Answ
         events=diagnosis.events,
         told_row=diagnosis.events.index(told) if told is not None else -1,
         first_line=first_line,
-        happened=happened,
         track=thinned(track),
         top_speed=diagnosis.top_speed,
         note=diagnosis.note,
@@ -334,12 +320,18 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
     clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
     cells = np.unique(np.rint(np.concatenate(clouds) / CELL_M), axis=0)
 
+    # Somebody who asks about a moment does not ask about the contact.
+    first_line = answer.first_line
+    touch = touch_of(replay.recording)
+    if touch is not None and not (told is not None and told.is_asked):
+        first_line = f"{touch} {first_line}"
     doubt = diagnosis.doubt
     goal = diagnosis.goal
     guess = best_guess(diagnosis, guesses)
-    footprint = replay.planner.footprint(replay.settings)
+    footprint = replay.footprint
     return replace(
         answer,
+        first_line=first_line,
         length=float(np.ptp(footprint[:, 0])),
         map=(cells * CELL_M).round(2).tolist(),
         plan=_first_plan(replay.drive)[:, :2].round(2).tolist(),
@@ -348,14 +340,12 @@ def _with_replay(answer: Answer, diagnosis: Diagnosis, guesses: Sequence[Alterna
         weighed=_weighed(diagnosis),
         commands=len(replay.cycles),
         reproduced=replay.reproduced,
-        is_doubtful=bool(doubt),
         certainty=diagnosis.certainty,
         # The planner says nothing of a stop whose reason lies outside of it.
         note="" if told is not None and told.is_outside else doubt,
         advice=_advice(diagnosis, guess),
         guess=guess.changes if guess is not None else (),
         alternatives=list(map(str, guesses)),
-        alternatives_heading=alternatives.heading(replay),
     )
 
 

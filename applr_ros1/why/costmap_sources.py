@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import List, NamedTuple
 
 from applr_ros1.planner.parameters.layers import (
-    OBSTACLE_LAYER,
     PREDICTED,
     layers,
     marking_lasers,
-    sources,
 )
-from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.robots import Robot
 
 
@@ -24,18 +21,18 @@ class CostmapSources(NamedTuple):
 
 def sources_in(robot: Robot) -> CostmapSources:
     """Return what the local costmap of a robot sees."""
-    costmap = branch(robot.all_parameters(), "local_costmap")
+    costmap = robot.all_parameters()["local_costmap"]
+    known_layers = layers("local_costmap", costmap)
     lasers: List[str] = []
     others: List[str] = []
-    for layer in layers("local_costmap", costmap, OBSTACLE_LAYER):
-        section = branch(costmap, layer.name)
-        laser_names = marking_lasers(section)
-        for source_name in sources(section):
-            topic = str(section[source_name]["topic"])
+    for layer in known_layers:
+        laser_names = marking_lasers(layer.values)
+        for source_name in layer.sources:
+            topic = str(layer.values[source_name]["topic"])
             if source_name in laser_names and not lasers:
                 lasers.append(topic)
             elif topic not in (PREDICTED, *lasers):
                 others.append(f"{topic} ({layer.name})")
-    known_names = [layer.name for layer in layers("local_costmap", costmap)]
+    known_names = [layer.name for layer in known_layers]
     others += [entry["name"] for entry in costmap["plugins"] if entry["name"] not in known_names]
     return CostmapSources(lasers, others)

@@ -13,9 +13,8 @@ from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.robots import Robot
 from applr_ros1.why import events
 from applr_ros1.why.black_box.description import DescribedRobot, nobody_publishes
-from applr_ros1.why.events import AT_GOAL, SAVED, Event
-from applr_ros1.why.explanation import Explanation, at_goal, beside, explain, part_of_robot
-from applr_ros1.why.limits import control_period
+from applr_ros1.why.events import AT_GOAL, SAVED, DriveLimits, Event
+from applr_ros1.why.explanation import at_goal, beside, explain, part_of_robot
 from applr_ros1.why.occupied_goal import is_goal_occupied
 from applr_ros1.why.reasons import (
     NO_PATH,
@@ -30,9 +29,8 @@ from applr_ros1.why.reasons import (
     unmoved,
 )
 from applr_ros1.why.recording import PursuedGoal
-from applr_ros1.why.replay import Replay, some
+from applr_ros1.why.replay import Replay, ReplayedCycle, some
 from applr_ros1.why.stretch import Stretch, first_of
-from applr_ros1.why.touch import FirstContact, touch_of
 
 POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 EXPLAINED = 5  # number of explained cycles of an event
@@ -66,7 +64,6 @@ class Diagnosis:
         replayed: The replayed drive; None for what is seen from outside alone.
         note: Why it is not replayed, or what else limits the diagnosis; "" if nothing does.
         part: Place (x, y) beside the robot where the laser sees a part of it, or None.
-        touch: First contact, or None.
     """
 
     drive: Drive
@@ -78,7 +75,6 @@ class Diagnosis:
     replayed: Optional[Replay] = None
     note: str = ""
     part: Optional[Tuple[float, float]] = None
-    touch: Optional[FirstContact] = None
 
     @classmethod
     def of(cls, replay: Replay, found_events: List[Event], **found: Any) -> Diagnosis:
@@ -175,7 +171,19 @@ def reproduced_share(replay: Replay, event: Optional[Event]) -> float:
     return sum(cycle.reproduced for cycle in cycles) / len(cycles)
 
 
-def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
+def is_explained(replay: Replay, event: Event) -> bool:
+    """Return whether a replay explains an event: it reproduces its cycles, which are most of it.
+
+    While DWAPlannerROS has found no command yet, or a recovery behaviour runs, there is no plan to
+    replay.
+    """
+    cycles = replay.between(event.begin, event.end)
+    commands = replay.recording.planned.between(event.begin, event.end)
+    are_most = len(cycles) >= EVENT_SHARE * len(commands)
+    return are_most and reproduced_share(replay, event) >= POOR
+
+
+def give_outside_reason(event: Event, drive: Drive, limits: DriveLimits) -> None:
     """Set the reason of an event that is seen from outside the planner, if there is one.
 
     It needs no replay, so that it is known for every local planner.
@@ -183,14 +191,14 @@ def give_outside_reason(event: Event, drive: Drive, robot: Robot) -> None:
     Args:
         event: The event.
         drive: Its drive.
-        robot: Robot that drove.
+        limits: Limits by which the drive is measured.
     """
     if event.is_outside:
         return  # The description of its bag says why.
-    period = control_period(drive, robot, event.end)
+    period = limits.period_at(event.end)
     stretch = Stretch(drive, event.begin, event.end, EVENT_SHARE, period)
     event.reason = first_of(OUTSIDE, stretch)
-    if event.reason == NO_PATH and is_goal_occupied(stretch, robot):
+    if event.reason == NO_PATH and is_goal_occupied(stretch, limits.scale):
         event.reason += OCCUPIED
     if not event.reason and event.is_arrived:
         event.reason = NOT_ENDED
@@ -210,30 +218,27 @@ def diagnose(
         box: Description of a black box's bag, or None.
     """
     # What happened
+    drive = replay.drive
     odometry = replay.recording.odometry
+    limits = replay.limits
     if at is None:
-        found_events = events.find(replay.drive, odometry, replay.limits)
-        asked = find_stop(found_events, replay.drive, box)
-        touch = touch_of(replay.recording)
+        found_events = events.find(drive, odometry, limits)
+        asked = find_stop(found_events, drive, box)
     else:
-        asked = events.around(at, odometry, replay.limits)
+        asked = events.around(at, odometry, limits)
         found_events = [asked]
-        touch = None  # Somebody asks about another moment.
-    diagnosis = Diagnosis.of(replay, found_events, asked=asked, touch=touch)
 
-    # Why it happened
+    # Why it happened, causes before what follows from them
+    part = part_of_robot(replay) if found_events else None
     for event in found_events:
-        explain_event(replay, event)
-    if found_events:
-        diagnosis.part = part_of_robot(replay)
-    if diagnosis.part is not None:
-        # Whatever else the planner or the monitor says follows from that.
-        for event in found_events:
-            event.reason = f"{PART_SEEN}, {beside(*diagnosis.part, digits=1)} of its centre"
+        if part is not None:
+            # Whatever else the planner or the monitor says follows from that.
+            event.reason = f"{PART_SEEN}, {beside(*part, digits=1)} of its centre"
             event.is_outside = True
-    for event in found_events:
-        event.is_guessed = not event.is_outside and reproduced_share(replay, event) < POOR
-    return diagnosis
+        give_outside_reason(event, drive, limits)
+        explain_event(replay, event)
+        event.is_guessed = not event.is_outside and not is_explained(replay, event)
+    return Diagnosis.of(replay, found_events, asked=asked, part=part)
 
 
 def find_stop(
@@ -274,15 +279,22 @@ def find_stop(
 
 
 def explain_event(replay: Replay, event: Event) -> None:
-    """Set the reason and the explained cycles of an event of a replayed drive."""
-    explained = _explanations(replay, event)
+    """Set the explained cycles of an event, and the planner's reason unless it lies outside."""
+    cycles = replay.between(event.begin, event.end)
+    if not cycles:
+        return
+    explained = []
+    for cycle in _slow(cycles):
+        moment = replay.at(cycle)
+        explained.append(explain(moment))
+    # In a cycle without a choice, the planner shows nothing of what it prefers.
+    with_choice = [entry for entry in explained if entry.words or not entry.is_blocked]
+    explained = with_choice or explained
     event.cycles = [explanation.values() for explanation in explained]
-    give_outside_reason(event, replay.drive, replay.robot)
-    if event.is_outside or not explained:
+    if event.is_outside:
         return
     explanation = explained[usual_row(event.cycles)]
     if event.kind == AT_GOAL and not explanation.is_blocked:
-        cycles = replay.between(event.begin, event.end)
         event.reason = at_goal(replay.planner, cycles[-1].settings)
     elif explanation.words:
         event.reason = explanation.words
@@ -306,18 +318,12 @@ def general(reason: str) -> str:
     return NUMBER.sub("…", OBSTACLE.sub("meets an obstacle", reason))
 
 
-def _explanations(replay: Replay, event: Event) -> List[Explanation]:
-    """Return explanations of some of the slow cycles of an event."""
-    cycles = replay.between(event.begin, event.end)
-    if not cycles:
-        return []
+def _slow(cycles: Sequence[ReplayedCycle]) -> List[ReplayedCycle]:
+    """Return some of the slow cycles of an event."""
     # The fast cycles of an event, as when a robot swings, do not show what slows it.
     median_speed = np.median([cycle.command[0] for cycle in cycles])
     slow_cycles = []
     for cycle in cycles:
         if cycle.command[0] <= median_speed:
             slow_cycles.append(cycle)
-    explained = [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
-    # In a cycle without a choice, the planner shows nothing of what it prefers.
-    with_choice = [entry for entry in explained if entry.words or not entry.is_blocked]
-    return with_choice or explained
+    return some(slow_cycles, EXPLAINED)

@@ -17,7 +17,6 @@ from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
 from applr_ros1.senses.standing import STOOD
 from applr_ros1.why.reasons import longest_usual_gap
-from applr_ros1.why.recording import plan_ends
 from applr_ros1.why.stretch import SLOW
 
 CREEPS = 0.25  # share of the top speed below which a robot creeps
@@ -62,6 +61,7 @@ class DriveLimits(NamedTuple):
         end: Time of the drive's last message [s].
         yaw_tolerance: Angle from the goal's heading within which it has arrived [rad]; 0 if it is
             unknown.
+        rates: Control rate [Hz] from each time [s] on, in order of time; 0 if it is unknown.
     """
 
     speed: np.ndarray
@@ -70,6 +70,13 @@ class DriveLimits(NamedTuple):
     scale: float
     end: float
     yaw_tolerance: float = 0.0
+    rates: Sequence[Tuple[float, float]] = ((-np.inf, 0.0),)
+
+    def period_at(self, time: float) -> float:
+        """Return the control period at a time [s]; 0 if it is unknown."""
+        rates_so_far = [rate for begin_time, rate in self.rates if begin_time <= time]
+        rate = rates_so_far[-1]
+        return 1.0 / rate if rate else 0.0
 
 
 @dataclass
@@ -83,7 +90,7 @@ class Event:
         place: Mean position (x, y) [m] in the odometry frame.
         reason: Why, in words; "" if it is not known yet.
         is_outside: Whether the reason lies outside the local planner, which could do nothing.
-        is_guessed: Whether the reason is that of a replay that explains little of the event.
+        is_guessed: Whether the reason is that of a replay that explains too little of the event.
         is_asked: Whether it is the time around a moment that somebody asks about.
         is_arrived: Whether the robot was within both tolerances of its goal for half of it.
         lost: Time that it cost: its duration without that of its way at top speed [s].
@@ -333,7 +340,7 @@ def offsets_from_goal(drive: Drive, odometry: Motion) -> np.ndarray:
     offsets = np.full((len(odometry), 2), np.inf)
     if drive.plans is None:
         return offsets
-    plan_times, goal_poses = plan_ends(drive.plans)
+    plan_times, goal_poses = drive.plans.ends
     plan_rows = np.searchsorted(plan_times, odometry.time, side="right") - 1
     has_plan = plan_rows >= 0
     if has_plan.any():

@@ -62,15 +62,13 @@ class Explanation:
         return asdict(self)
 
 
-def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
+def explain(moment: CycleMoment) -> Explanation:
     """Return what kept the robot from driving on in a cycle."""
-    moment = replay.at(cycle)
-    explanation = Explanation(cycle.at, cycle.pose)
+    asked = moment.asked
+    explanation = Explanation(asked.at, asked.pose)
     crossing = _crossing(moment)
-    obstacle: Optional[MetObstacle] = None
     # No place would make a difference to crossed limits.
-    if moment.straightest_illegal >= 0 and not crossing:
-        obstacle = moment.obstacle_of(moment.straightest_illegal)
+    obstacle = None if crossing else moment.obstacle
 
     # What kept the planner from a sample that drives on
     drives_on = bool(moment.drives_on[moment.winner])
@@ -94,7 +92,7 @@ def explain(replay: Replay, cycle: ReplayedCycle) -> Explanation:
     if moment.best is not None:
         # The command comes first, so that the sample follows it, or is the command itself.
         explanation.driving = 1 if moment.best == moment.winner else 2
-    explanation.plan = cycle.plan[:, :2].round(2).tolist()
+    explanation.plan = asked.plan[:, :2].round(2).tolist()
     return explanation
 
 
@@ -259,7 +257,7 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
 
     A robot that stands or drives straight on proves nothing: a wall along its way stays beside it.
     """
-    x, y = replay.planner.footprint(replay.settings).T
+    x, y = replay.footprint.T
     reach = float(np.hypot(x, y).max()) + BESIDE_M * replay.robot.world_scale
     turned_cycles = _distinct_headings(replay.cycles)
     if len(turned_cycles) < HEADINGS:

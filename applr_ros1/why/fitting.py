@@ -14,6 +14,7 @@ from typing import List, NamedTuple, Optional, Sequence
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
+from applr_ros1.common.arrays import nearest_rows
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import clocks_differ, one_clock, placed_late
@@ -25,7 +26,6 @@ from applr_ros1.drives.drive import (
     Motion,
     Plans,
     Scans,
-    nearest_rows,
     with_full_speed,
 )
 from applr_ros1.drives.frames import FramePlacements
@@ -33,7 +33,7 @@ from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
 from applr_ros1.monitor.recorded_twists import checked_twists
 from applr_ros1.planner.plan_cut import cut_plan, transformed
 from applr_ros1.robots import Robot
-from applr_ros1.why.recording import Recording, plan_ends
+from applr_ros1.why.recording import Recording
 from applr_ros1.why.rerun import RerunPlanner
 
 # Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
@@ -366,7 +366,7 @@ def followed_routes(routes: Plans, plans: Plans) -> Plans:
     It publishes what somebody else asks it for (make_plan), too: that leads elsewhere. The next
     plan that is followed lies on move_base's own.
     """
-    followed_times, followed_ends = plan_ends(plans)
+    followed_times, followed_ends = plans.ends
     own_times = []
     own_paths = []
     for time, route in zip(routes.time.tolist(), routes.path):

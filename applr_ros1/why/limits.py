@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
@@ -39,8 +38,12 @@ def limits_of(
     """
     planner = planner_of(drive, robot)
     values: Dict[str, Any] = {}
+    rate = 0.0
+    # If another planner drove than the robot's, its parameters are another robot's.
     if planner == robot.local_planner:
         values.update(values_at_start)
+        rate = float(robot.parameters().get("controller_frequency") or USUAL_RATE)
+    rates = [(-np.inf, rate)]
     fastest_speed = float(np.abs(odometry.twist[:, 0]).max(initial=0.0))
     speed = np.empty(len(odometry))
     turn = np.empty(len(odometry))
@@ -50,6 +53,9 @@ def limits_of(
             is_later = odometry.time >= change_time
             speed[is_later] = _first(values, SPEEDS, fastest_speed)
             turn[is_later] = _first(values, TURNS, USUAL_TURN)
+        elif server == "":
+            rate = changed_values.get("controller_frequency", rate)
+            rates.append((change_time, rate))
     return DriveLimits(
         speed=speed,
         turn=turn,
@@ -57,6 +63,7 @@ def limits_of(
         scale=robot.world_scale,
         end=drive.end,
         yaw_tolerance=_first(values, ("yaw_goal_tolerance",), 0.0),
+        rates=rates,
     )
 
 
@@ -102,21 +109,6 @@ def planner_of(drive: Drive, robot: Robot) -> str:
         if planner in REPLAYED:
             return planner
     return drive.planners[0]
-
-
-def control_period(drive: Drive, robot: Robot, time: float = math.inf) -> float:
-    """Return the control period of a drive until a time [s], by what move_base's server said last.
-
-    Without an update, the parameters of the robot's files count. It is 0, for unknown, if another
-    local planner drove than the robot's: these parameters are then another robot's.
-    """
-    rate = 0.0
-    if planner_of(drive, robot) == robot.local_planner:
-        rate = float(robot.parameters().get("controller_frequency") or USUAL_RATE)
-    for change_time, server, values in changes_of(drive, robot):
-        if server == "" and change_time <= time:
-            rate = values.get("controller_frequency", rate)
-    return 1.0 / rate if rate else 0.0
 
 
 def start_values(robot: Robot) -> Mapping[str, Any]:

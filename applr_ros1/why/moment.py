@@ -50,6 +50,7 @@ class Asked:
     """Inputs of the local planner in a control cycle.
 
     Attributes:
+        at: Time of its command [s].
         pose: Pose (x, y, yaw) [m, m, rad] of the robot in the odometry frame.
         twist: Measured v [m/s], w [rad/s] of the robot.
         plan: Plan (n, 3) that is followed, in the odometry frame.
@@ -59,6 +60,7 @@ class Asked:
         settings: Parameters in force.
     """
 
+    at: float
     pose: Pose
     twist: Twist
     plan: np.ndarray
@@ -225,9 +227,12 @@ class CycleMoment:
         angle = float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))
         return abs(angle) > BACK
 
-    def obstacle_of(self, row: int) -> Optional[MetObstacle]:
-        """Return the lethal cell that the footprint meets first with a sample, or None."""
-        v, w = self.samples.velocities[row].tolist()
+    @property
+    def obstacle(self) -> Optional[MetObstacle]:
+        """Lethal cell that the footprint meets first with the straightest illegal one, or None."""
+        if self.straightest_illegal < 0:
+            return None
+        v, w = self.samples.velocities[self.straightest_illegal].tolist()
         drive_times = np.arange(0.0, self.values["sim_time"], STEP_S)
         poses = [arc(self.asked.pose, v, w, drive_time) for drive_time in drive_times]
         lethal_points = self.map.lethal_points

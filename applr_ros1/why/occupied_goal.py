@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from applr_ros1.drives.frames import Tree
-from applr_ros1.robots import Robot
+from applr_ros1.drives.frames import FrameTree
 from applr_ros1.why.stretch import Stretch
 
 # An obstacle occupies a goal that lies so much before, or behind, the surface that the laser sees
@@ -14,14 +13,14 @@ BEFORE_M = 0.15
 BEHIND_M = 0.5
 
 
-def is_goal_occupied(stretch: Stretch, robot: Robot) -> bool:
+def is_goal_occupied(stretch: Stretch, scale: float) -> bool:
     """Return whether the laser sees an obstacle at the goal, or right before it.
 
     False if the goal is out of sight, or if tf does not connect it with the laser.
 
     Args:
         stretch: The stretch in which somebody wants to know.
-        robot: Robot that drove.
+        scale: Size of the robot relative to the Jackal's.
     """
     drive = stretch.drive
     scans = stretch.part(drive.scans)
@@ -30,7 +29,7 @@ def is_goal_occupied(stretch: Stretch, robot: Robot) -> bool:
         return False
     goal = sent_goals[-1]
     laser_frame = drive.frames["scans"][0]
-    in_laser_frame = Tree(drive.transforms).place(laser_frame, goal.frame, scans.stamp)
+    in_laser_frame = FrameTree(drive.transforms).place(laser_frame, goal.frame, scans.stamp)
     if in_laser_frame is None:
         return False
     goal_x, goal_y, _ = goal.pose
@@ -44,6 +43,6 @@ def is_goal_occupied(stretch: Stretch, robot: Robot) -> bool:
     for scan_row, (beam, distance) in enumerate(zip(beams, distances)):
         ranges = scans.distances(scan_row)
         if 0 <= beam < len(ranges):
-            behind = (distance - ranges[int(beam)]) / robot.world_scale
+            behind = (distance - ranges[int(beam)]) / scale
             occupied_count += -BEFORE_M <= behind <= BEHIND_M
     return occupied_count > stretch.share * len(scans)

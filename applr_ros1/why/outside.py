@@ -69,6 +69,6 @@ def seen_from_outside(
     found_events = events.find(drive, motion, limits)
     asked = find_stop(found_events, drive, box)
     for event in found_events:
-        give_outside_reason(event, drive, robot)
+        give_outside_reason(event, drive, limits)
     top_speed = float(limits.speed.mean())
     return Diagnosis(drive, robot, motion, top_speed, found_events, asked=asked, note=note)

@@ -118,14 +118,14 @@ class Recording:
         """Return times [s] and goals: ends of routes, or what was sent, or the end of a plan."""
         drive = self.drive
         if drive.routes is not None:
-            times, route_ends = plan_ends(drive.routes)
+            times, route_ends = drive.routes.ends
             if route_ends:
                 return times, route_ends
         # Goals are sent in any frame, often that of a map.
         sent_goals = [sent for sent in drive.sent if sent.frame == drive.frame]
         if sent_goals:
             return [sent.time for sent in sent_goals], [sent.pose for sent in sent_goals]
-        times, last_poses = plan_ends(self.plans)
+        times, last_poses = self.plans.ends
         if last_poses:
             # The followed part of a plan ends at the goal only near it.
             end_x, end_y, _ = last_poses[-1]
@@ -133,15 +133,3 @@ class Recording:
             if np.hypot(end_x - x, end_y - y) <= NEAR_GOAL_M:
                 return times[-1:], last_poses[-1:]
         return [], []
-
-
-def plan_ends(plans: Plans) -> Tuple[List[float], List[Pose]]:
-    """Return times [s] and last poses of the plans that have poses."""
-    times = []
-    ends = []
-    for time, plan_path in zip(plans.time.tolist(), plans.path):
-        if len(plan_path):
-            x, y, yaw = plan_path[-1].tolist()
-            times.append(time)
-            ends.append((x, y, yaw))
-    return times, ends

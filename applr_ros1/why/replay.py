@@ -78,14 +78,12 @@ class ReplayedCycle(Asked):
     """Control cycle of a replay.
 
     Attributes:
-        at: Time of its command [s].
         command: Recorded command (v [m/s], w [rad/s]).
         scan: Index of the latest scan.
         is_cleared: Whether the costmap was cleared since the cycle before.
         error: Difference between the replayed and the recorded command [m/s + rad/s].
     """
 
-    at: float
     command: Twist
     scan: int
     is_cleared: bool = False
@@ -123,7 +121,6 @@ class Replay:
         history: Parameters in force.
         cycles: Cycles of the local planner in order of time.
         left_out: Numbers of commands that are no cycles, by reason.
-        cut_short: Number of cycles for which only likely choices were tried.
     """
 
     recording: Recording
@@ -131,7 +128,6 @@ class Replay:
     history: History
     cycles: List[ReplayedCycle]
     left_out: Dict[str, int]
-    cut_short: int = 0
 
     @property
     def drive(self) -> Drive:
@@ -147,6 +143,11 @@ class Replay:
     def settings(self) -> Settings:
         """Parameters in force at the end."""
         return self.history.settings[-1]
+
+    @property
+    def footprint(self) -> np.ndarray:
+        """Vertices (n, 2) [m] of the padded footprint at the end."""
+        return self.planner.footprint(self.settings)
 
     @property
     def reproduced(self) -> int:
@@ -169,14 +170,12 @@ class Replay:
         left_out = [f"{count:,} {reason}" for reason, count in self.left_out.items()]
         if left_out:
             summary += f"; left out: {', '.join(left_out)}"
-        if self.cut_short:
-            summary += f"; {self.cut_short:,} of them were compared with the likely messages alone"
         updated_names: Set[str] = set()
         for _, server, values in changes_of(self.drive, self.robot):
             if server == self.planner.name:
                 updated_names.update(values)
         if not updated_names:
-            summary += "; no parameter_updates: the folder's values are assumed"
+            summary += f"; no updates of {self.planner.name}: the folder's values are assumed"
         unused_names = sorted(updated_names.difference([RESTORE.name], self.planner.start_values))
         if unused_names:
             summary += f"; recorded, but not used: {', '.join(unused_names)}"
@@ -283,7 +282,7 @@ def replay_of(
             f"{recording.drive.name}: no command has a plan, a scan and odometry: "
             "record the drive from its beginning"
         )
-    return Replay(recording, planner, history, cycles, left_out, search.cut_short)
+    return Replay(recording, planner, history, cycles, left_out)
 
 
 def _history(recording: Recording, start_settings: Settings) -> History:
@@ -329,18 +328,13 @@ def some(cycles: Sequence[ReplayedCycle], count: int, power: float = 1.0) -> Lis
 
 
 class _Search:
-    """Looks for what a cycle was given, by the command that was recorded of it.
-
-    Attributes:
-        cut_short: Number of cycles for which only likely choices were tried.
-    """
+    """Looks for what a cycle was given, by the command that was recorded of it."""
 
     def __init__(self, recording: Recording, planner: RerunPlanner):
         self._recording = recording
         self._planner = planner
         self._cycle_count = 0
         self._run_count = 0
-        self.cut_short = 0
 
     def reproduced(
         self, first_guess: ReplayedCycle, odometry_row: int, may_be_cleared: bool
@@ -352,7 +346,6 @@ class _Search:
         choices = self._choices(first_guess, odometry_row, may_be_cleared)
         self._cycle_count += 1
         if self._run_count > max(HEAD_START, PATIENCE * self._cycle_count):
-            self.cut_short += 1
             choices = islice(choices, LIKELY)
         first_choice = next(choices)
         least_error = np.inf

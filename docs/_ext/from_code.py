@@ -5,16 +5,17 @@ NAME of this file returns. For complete files, the pages use literalinclude and 
 """
 
 import contextlib
-import csv
 import importlib
 import inspect
 import io
 import os
 import re
-import sys
 import xml.etree.ElementTree as xml
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Sequence
+from unittest import mock
+
+import pandas as pd
 
 from applr_ros1.planner.parameters.declarations import SERVERS, STATIC
 from applr_ros1.planner.parameters.layers import TYPES
@@ -49,56 +50,20 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return "\n".join("| %s |" % " | ".join(line) for line in lines)
 
 
-def rows_of(name: str) -> List[Dict[str, str]]:
-    """Return the rows of docs/results/NAME.csv as dictionaries."""
-    with open(ROOT / "docs" / "results" / (name + ".csv"), encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def commands(*modules: str) -> str:
     """Return the output of `python -m MODULE --help` for each module."""
     os.environ["COLUMNS"] = "110"
     parts = []
     for module in modules:
-        command, printed, argv = importlib.import_module(module), io.StringIO(), sys.argv
-        sys.argv = [module, "--help"]
-        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+        command, printed = importlib.import_module(module), io.StringIO()
+        asked = mock.patch("sys.argv", [module, "--help"])
+        captured = contextlib.redirect_stdout(printed)
+        with asked, captured, contextlib.suppress(SystemExit):
             command.main()
-        sys.argv = argv
         ours = re.match(r"usage: (\./applr \w+)", printed.getvalue())
         name = ours.group(1) if ours else "python -m " + module.replace(".__main__", "")
         parts.append("## `%s`\n\n```text\n%s```" % (name, printed.getvalue()))
     return "\n\n".join(parts)
-
-
-def comparison(prefix: str) -> str:
-    """Return a table of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv by method."""
-    rates, faster = (
-        {row["method"]: row for row in rows_of(prefix + end)} for end in ("_rates", "_faster")
-    )
-    rows = []
-    for row in rows_of(prefix + "_time"):
-        rate, won = rates[row["method"]], faster.get(row["method"])
-        time = "%s s (%s)" % (row["time [s]"], row["95 % interval"])
-        share = "%+.1f %%" % -float(row["faster [%]"]) if won else ""
-        counts = (
-            " / ".join(won[key].split(" ")[0] for key in ("method better", "dwa better"))
-            if won
-            else ""
-        )
-        success, contact = (
-            rate[key].split(" ")[0] + " %" for key in ("success [%]", "collided [%]")
-        )
-        rows.append(["`%s`" % row["method"], time, share, success, contact, counts])
-    head = [
-        "method",
-        "time (95 % interval)",
-        "than `dwa`",
-        "success",
-        "with a contact",
-        "worlds faster / slower",
-    ]
-    return table(head, rows)
 
 
 def critics() -> str:
@@ -115,9 +80,10 @@ def critics() -> str:
 
 def faults() -> str:
     """Return the table of faults, with a section for each group."""
-    rows, parts = rows_of("faults"), []
-    for group in dict.fromkeys(row["group"] for row in rows):
-        cells = [list(row.values())[1:] for row in rows if row["group"] == group]
+    rows = pd.read_csv(ROOT / "docs" / "results" / "faults.csv", dtype=str, keep_default_na=False)
+    parts = []
+    for group, of_group in rows.groupby("group", sort=False):
+        cells = of_group.drop(columns="group").to_numpy()
         parts.append(
             "## %s\n\n%s" % (group, table(["", "fault", "what happens", "measured"], cells))
         )
@@ -128,16 +94,14 @@ def launch_arguments() -> str:
     """Return a table of the arguments of each launch file."""
     parts = []
     for file in sorted((ROOT / "applr_ros1" / "launch").glob("*.launch")):
-        arguments = [arg for arg in xml.parse(file).getroot().findall("arg") if arg.get("doc")]
         rows = [
             ["`%s`" % arg.get("name"), "`%s`" % arg.get("default", " "), arg.get("doc")]
-            for arg in arguments
+            for arg in xml.parse(file).iterfind("arg[@doc]")
         ]
-        parts += (
-            ["## %s\n\n%s" % (file.name, table(["argument", "default", "meaning"], rows))]
-            if rows
-            else []
-        )
+        if rows:
+            parts.append(
+                "## %s\n\n%s" % (file.name, table(["argument", "default", "meaning"], rows))
+            )
     return "\n\n".join(parts)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.common.scan import LaserScan, measured_ranges
+from applr_ros1.common.scan import LaserScan, measured_ranges, moved
 
 NAN = np.nan
 INF = np.inf
@@ -68,3 +68,12 @@ def test_no_return_of_a_driver_with_a_value_for_it_frees_what_the_returns_beside
     other = replace(scan, no_return=None)
     np.testing.assert_array_equal(other.free, other.distances)
     assert np.isposinf(other.distances[ranges == INF]).all()
+
+
+def test_what_a_scan_has_shown_is_computed_once_for_all_frames():
+    scan = LaserScan(0.0, 0.0, 0.1, 0.1, 10.0, np.array([0.0, 1.0]), (1.0, 0.0, 0.0))
+    distances = scan.distances
+    in_parent = moved(scan, (2.0, 3.0, np.pi))
+    assert in_parent.distances is distances
+    np.testing.assert_allclose(in_parent.sensor_pose, (1.0, 3.0, np.pi))
+    assert scan.sensor_pose == (1.0, 0.0, 0.0)

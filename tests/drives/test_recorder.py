@@ -14,7 +14,6 @@ def test_a_log_grows_and_leaves_the_rows_that_were_read():
         log.append(time=number, stamp=number, pose=(number, 1.0, 2.0), twist=(3.0, number))
         if number == 99:
             earlier_rows = log.rows
-    assert len(earlier_rows) == 100
     np.testing.assert_array_equal(log.rows.time, np.arange(1000))
     np.testing.assert_array_equal(log.rows.pose[:, 0], np.arange(1000))
     np.testing.assert_array_equal(earlier_rows.twist[:, 1], np.arange(100))

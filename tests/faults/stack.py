@@ -1,7 +1,5 @@
 """The running stack with a relay: bridge, move_base, collision monitor and applr node."""
 
-import time
-
 import actionlib
 import numpy as np
 import rosgraph
@@ -205,23 +203,11 @@ class Stack:
         self.until(lambda: self.relay.speed > speed, "motion")
 
     def until(self, condition, what):
-        """Wait like wait_for. A failure reports the state of robot, collision monitor and
-        move_base.
+        """Wait like wait_for. A failure has the latest actions of the collision monitor, and the
+        output of move_base.
         """
         try:
             return wait_for(condition, what)
         except AssertionError as late:
-            relay = self.relay
-            client = self.client
-            goal_state = "no goal"
-            if client.gh:
-                goal_state = f"goal: state {client.get_state()} {client.get_goal_status_text()}"
-            report_lines = [
-                "%s; x %.2f, aside %s, %.2f m/s; planned %s"
-                % (late, relay.x, relay.aside, relay.speed, relay.planned[-3:]),
-                "%.2f, in simulated time %.2f; sent on %s"
-                % (time.time(), relay.now, relay.commands[-3:]),
-                "%s; %s" % (self.actions[-3:], goal_state),
-                *self.output("move_base").splitlines()[-10:],
-            ]
-            raise AssertionError("\n".join(report_lines)) from None
+            report = f"{late}; {self.actions[-3:]}\n{self.output('move_base')}"
+            raise AssertionError(report) from None

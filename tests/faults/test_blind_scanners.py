@@ -13,26 +13,15 @@ import numpy as np
 import pytest
 
 import sim_bridge
-from applr_ros1.common.angles import compose
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.robots import JACKAL
-from worlds import Course, World
+from tests.support.scenes import small_world
 
 LASER = JACKAL.laser
 WALL_M = 6.0  # distance of the wall from the start [m]
 SPEED = 2.0  # the Jackal's largest speed [m/s]
 PERIOD = 0.05  # time between two commands [s]
-# No drive follows the course's path: only its start counts.
-COURSE = Course(
-    start=(0.0, 0.0, 0.0),
-    goal=(5.0, 0.0, 0.0),
-    finish_y=None,
-    goal_tolerance=0.5,
-    path=np.array([[0.0, 0.0], [5.0, 0.0]]),
-)
-POSTS = np.array([(WALL_M, post_y, 0.1) for post_y in np.arange(-3, 3, 0.15)])
-BLOCKED = World("blocked", POSTS, np.empty((0, 5)), COURSE)
+BLOCKED = small_world([(WALL_M, post_y, 0.1) for post_y in np.arange(-3, 3, 0.15)])
 
 
 def ranges_of(value):
@@ -97,8 +86,7 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
 
     # Eight seconds; without a stop the robot would be at the wall after three.
     for _ in range(160):
-        beams = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
-        scan = LaserScan(state.time, *beams, simulator.scan(), compose(state.odom_pose, LASER.pose))
+        scan = simulator.laser_scan()
         if state.pose[0] >= blind_from:
             if blind_since is None:
                 blind_since = state.time

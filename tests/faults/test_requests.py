@@ -73,28 +73,6 @@ def mad(stack):
     publisher.unregister()
 
 
-@pytest.mark.fault("11b")
-def test_a_frozen_image_stops_the_robot_at_full_speed(stack, mad, measured):
-    """The scanner repeats the same scan with new stamps while the robot drives at 2 m/s towards a
-    wall.
-    """
-    mad(2.0)
-    stack.until(lambda: stack.relay.speed > 1.9, "speed")
-    images = []
-
-    def freeze(scan):
-        images.append(scan.ranges)
-        scan.ranges = images[0]
-        return scan
-
-    def break_it():
-        stack.relay.faults["scan"] = freeze
-
-    duration = stack.stands_after(break_it)
-    assert any("frozen" in action for action in stack.actions)
-    measured("stands after", duration, "s")
-
-
 @pytest.mark.fault("14b")
 def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
     """Commands are NaN, infinite, and then full speed towards a wall: the robot stops before the

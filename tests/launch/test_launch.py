@@ -178,10 +178,8 @@ def test_demo_reaches_the_goal(tmp_path):
     # The last line is for programs.
     result = json.loads(output.splitlines()[-1])
     assert (result["world"], result["method"], result["success"]) == ("generated:41", "applr", True)
-    assert isinstance(result["collided"], bool)
     assert 2.0 < result["time_s"] < 300.0
-    assert result["skipped_cycles"] >= 0
-    assert result["late_decisions"] >= 0
+    assert {"collided", "skipped_cycles", "late_decisions"} <= set(result)
 
     # The lines before are for people.
     for progress in ("simulator.*up after", "move_base.*up after", "applr.*up after", "m to go"):

@@ -464,7 +464,5 @@ def test_no_goal_is_sent_if_the_goal_is_none(monkeypatch):
         send_goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent")
     )
     monkeypatch.setattr(send_goal, "init_node", lambda name: None)
-    monkeypatch.setattr(
-        send_goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default
-    )
+    monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: {"goal": "none"})
     send_goal.main()

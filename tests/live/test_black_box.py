@@ -9,46 +9,17 @@ from pathlib import Path
 import actionlib
 import pytest
 import rospy
-from applr_ros1.msg import Stop
-from diagnostic_msgs.msg import DiagnosticArray
 from move_base_msgs.msg import MoveBaseAction
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import Marker
 
-from tests.support.nodes import POSTS, FakeJackal, goal, start, values_of
+from tests.support.box import Box
+from tests.support.nodes import POSTS, FakeJackal, goal, start
 from tests.support.robots import JACKAL_PARAMETERS
 from tests.support.ros import LONGEST, session, wait_for
 from training.bags.read import opened
 
 pytestmark = pytest.mark.ros
 LATEST_S = 10.0  # time after a stop was found within which the answer comes [s]
-
-
-class Box:
-    """The node, with what it published."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        self.answers = []
-        self.markers = []
-        self.diagnostics = {}
-        rospy.Subscriber("/black_box/answer", Stop, self._on_answer)
-        rospy.Subscriber("/black_box/marker", Marker, self.markers.append)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
-        self.node = session().node("black_box", f"_folder:={folder}")
-
-    def _on_answer(self, message):
-        self.answers.append((time.time(), message))
-
-    def _on_diagnostics(self, message):
-        status = message.status[0]
-        if status.name == "black_box: stops":
-            self.diagnostics = values_of(status)
-
-    @property
-    def bags(self):
-        """Paths of the written bags."""
-        return sorted(self.folder.glob("stop_*.bag"))
 
 
 def arenas_of(pid):
@@ -71,7 +42,7 @@ def test_a_stop_is_answered_and_written(tmp_path):
     ros = session()
     jackal = FakeJackal(POSTS)
     move_base = start(ros, dict(JACKAL_PARAMETERS))
-    box = Box(tmp_path / "box")
+    box = Box(ros.node("black_box", f"_folder:={tmp_path}"), tmp_path)
     box.node.until("ready beside /move_base with TrajectoryPlannerROS")
     box.node.until(lambda: float(box.diagnostics.get("megabytes", 0)) > 0.01)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
@@ -130,7 +101,7 @@ def test_the_planners_own_reason_comes_from_a_replay_of_what_was_heard(tmp_path)
     parameters = dict(JACKAL_PARAMETERS)
     parameters["TrajectoryPlannerROS"] = dict(parameters["TrajectoryPlannerROS"], vx_samples=1)
     move_base = start(ros, parameters, program="tests.support.cpp_move_base")
-    box = Box(tmp_path / "box")
+    box = Box(ros.node("black_box", f"_folder:={tmp_path}"), tmp_path)
     box.node.until("ready beside /move_base")
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(LONGEST))

@@ -3,7 +3,6 @@ lasers are silent.
 """
 
 import os
-import re
 import shutil
 import signal
 import time
@@ -14,7 +13,6 @@ import pytest
 import rosgraph
 import rospy
 from geometry_msgs.msg import Twist
-from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
 from applr_ros1.nodes.conversions import twist
@@ -249,62 +247,3 @@ def test_the_guard_stops_a_base_whose_commands_have_another_topic(stack, tmp_pat
     wait_for(lambda: not child.alive(), "the end of the guard")
     subscriber.unregister()
     commands.unregister()
-
-
-@pytest.mark.fault("10b")
-def test_one_scan_of_another_frame_stops_the_base_only_for_seconds(stack, measured):
-    """The line in the log names the frame and the node that has published the scan."""
-    jackal = stack.jackal
-    drive(stack, 0.3)
-
-    def renamed(scan):
-        """Give one scan the frame of the robot's centre."""
-        scan.header.frame_id = "base_link"
-        jackal.bend = lambda next_scan: next_scan
-        return scan
-
-    jackal.bend = renamed
-
-    def acts(words):
-        send(stack, 0.0)
-        return words in stack.actions[-1]
-
-    wait_for(lambda: acts("stop: the latest scan of frame base_link is"), "a stop that names it")
-    began = time.time()
-    wait_for(lambda: acts("pass"), "a command that passes")
-    measured("commands pass after", time.time() - began, "s")
-    scans = "scan of frame 'base_link' on /front/scan"
-    assert f"{rospy.get_name()} has sent no {scans} for 5 s (1 before)" in monitors[-1].text
-
-
-def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
-    """The second laser repeats the fake Jackal's scans on another topic."""
-    # If it jumped later, an equal scan would count as frozen.
-    stack.jackal.put((0.0, 0.0, 0.0))
-    other_names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
-    child = session().node(
-        "applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *other_names
-    )
-    commands = rospy.Publisher("/two_in", Twist, queue_size=1)
-    actions = []
-    subscriber = rospy.Subscriber(
-        "/monitor_of_two/action", String, lambda message: actions.append(message.data)
-    )
-    child.until(lambda: commands.get_num_connections())
-
-    def acts(words):
-        commands.publish(twist(0.1, 0.0))
-        time.sleep(0.05)
-        return actions and words in actions[-1]
-
-    wait_for(lambda: acts("rear/scan: no scan has arrived yet"), "a stop")
-    rear_publisher = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
-    relay = rospy.Subscriber("/front/scan", LaserScan, rear_publisher.publish)
-    wait_for(lambda: acts("pass"), "a command that passes")
-    relay.unregister()
-    wait_for(lambda: acts("stop: the latest scan on rear/scan is"), "a stop that names it")
-    scan_age = re.search(r"has stamp [\d.]+, ([\d.]+) s ago", actions[-1])[1]
-    assert float(scan_age) > 0.4, "the age is that of the silent laser"
-    for endpoint in (rear_publisher, subscriber, commands):
-        endpoint.unregister()
-    child.end()

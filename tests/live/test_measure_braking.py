@@ -18,6 +18,7 @@ from applr_ros1.nodes.tools.measure_braking import (
     dead_band,
     deceleration,
     reaction,
+    stop_of,
 )
 from applr_ros1.robots import JACKAL
 from tests.support.refusals import refused
@@ -58,15 +59,36 @@ def stop(speed, began, brakes):
     return MeasuredStop(speed, 1.0, began, speed * began + speed**2 / (2.0 * brakes))
 
 
+@pytest.mark.parametrize(("is_turn", "scale"), [(False, 2.0), (True, 1.0)])
+def test_a_stop_is_measured_by_the_odometry_around_its_command(is_turn, scale):
+    # Times [s], angles [rad] and turn rates [rad/s]. Places and speeds are twice as many, and
+    # negative. The speed before is the mean of 0.3 s, of which a tenth is soon lost.
+    run = [
+        (0.5, 0.0, 0.5),
+        (0.75, 0.2, 1.5),
+        (1.0, 0.6, 1.7),
+        (1.25, 3.0, 1.45),
+        (1.5, 4.0, 1.43),
+    ]
+    readings = []
+    for time_s, angle, rate in run:
+        pose = (0.0, -2.0 * angle, normalize_angle(angle))
+        readings.append(Reading(time_s, pose, (-2.0 * rate, rate)))
+    measured = stop_of(readings, brake_time=1.0, command=-0.8 * scale, is_turn=is_turn)
+    # It turned by 2.4 and 1 rad, past pi.
+    expected = MeasuredStop(1.6 * scale, gain=2.0, reaction=0.5, way=3.4 * scale)
+    assert measured == pytest.approx(expected)
+
+
 def test_a_late_stop_is_not_mistaken_for_weak_brakes():
     # The first of the straight runs had a late reaction, and weak brakes, too.
     straight_stops = [
-        stop(speed=0.4, began=0.4, brakes=0.8),
+        stop(speed=1.2, began=0.4, brakes=0.8),
         stop(speed=0.9, began=0.1, brakes=1.5),
         stop(speed=1.8, began=0.1, brakes=2.0),
     ]
     turn_stops = [stop(speed=1.0, began=0.1, brakes=3.0)] * 4
-    assert deceleration(straight_stops, 0.1) < 0.4
+    assert deceleration(straight_stops, 0.1) < 0.6
     reaction_time = reaction(straight_stops, turn_stops)
     measured_braking = deceleration(straight_stops, reaction_time)
     assert (reaction_time, measured_braking) == pytest.approx((0.4, 0.8))

@@ -100,8 +100,8 @@ class Robot:
 
     @property
     def now(self):
-        """Latest simulated time [s]."""
-        return self.received["/clock"][-1].clock.to_sec()
+        """Simulated time [s]."""
+        return self.next("/clock").clock.to_sec()
 
     def close(self):
         self.process.end()

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.moving import NO_DISCS
 from applr_ros1.monitor.settings import MonitorSettings
@@ -18,6 +17,7 @@ from applr_ros1.monitor.stopping import (
 )
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
+from tests.support.robots import scan_by
 
 # Braking limits, outline and margins as the node has them for a Jackal.
 SETTINGS = MonitorSettings.of(JACKAL)
@@ -49,15 +49,8 @@ def scan_of(points, pose, stamp=0.0, **changes):
     x, y, yaw = pose
     sensor_pose = (x + LASER * math.cos(yaw), y + LASER * math.sin(yaw), yaw)
     discs = [(*point, 0.05) for point in points]
-    scan = LaserScan(
-        stamp=stamp,
-        angle_min=-ANGLE,
-        angle_increment=2 * ANGLE / (BEAMS - 1),
-        range_min=0.1,
-        range_max=30.0,
-        ranges=Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*sensor_pose),
-        sensor_pose=sensor_pose,
-    )
+    ranges = Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*sensor_pose)
+    scan = scan_by(JACKAL.laser, stamp, ranges, sensor_pose)
     return replace(scan, **changes)
 
 

@@ -139,28 +139,6 @@ def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
         assert safe_scale_of([post], BaseMotion(1.0, 0.0), STRAIGHT_ON) == 1.0
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
-def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
-    """The base accelerates at once and brakes with the specified deceleration."""
-    monitor = CollisionMonitor()
-    largest_drop = monitor.settings.deceleration * 0.05
-    x = 0.0
-    v = 0.0
-    for step in range(400):
-        time = 0.05 * step
-        pose = (x, 0.0, 0.0)
-        monitor.add_scan(scan_of(wall(2.0), pose, time))
-        verdict = monitor.filter(time, pose, (v, 0.0), (speed, 0.0))
-        commanded_v, _ = verdict.command
-        v = max(commanded_v, v - largest_drop)
-        x += 0.05 * v
-    # Discs of 5 cm radius at 2 m
-    surface = 2.0 - 0.05
-    assert surface - 0.15 < x + FRONT < surface
-    assert verdict.action == STOP
-    assert verdict.reason
-
-
 def test_a_tighter_turn_passes_if_straight_on_is_blocked():
     # A narrow wall 0.5 m ahead, out of reach of the corners of a turning body.
     monitor = seen_all_around(wall(0.55, 0.1), BRAKES_WELL)

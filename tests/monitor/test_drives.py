@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 import sim_bridge
-from applr_ros1.common.angles import compose
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.robots import JACKAL
 from tests.support.scenes import small_world
@@ -57,7 +55,6 @@ def drive(
     """
     simulator = sim_bridge.make(simulator_name, robot=robot)
     monitor = CollisionMonitor()
-    laser = robot.laser
     state = simulator.reset(small_world(cylinders), seed)
     due, command = next(commands)
     last_command = 0.0
@@ -65,15 +62,7 @@ def drive(
     on_the_way = []  # states and scans that have not arrived yet
     known_state = None  # latest state that has
     while state.time < seconds:
-        scan = LaserScan(
-            stamp=state.time,
-            angle_min=laser.first_angle,
-            angle_increment=laser.increment,
-            range_min=laser.range_min,
-            range_max=laser.range_max,
-            ranges=simulator.scan(),
-            sensor_pose=compose(state.odom_pose, laser.pose),
-        )
+        scan = simulator.laser_scan()
         if measured:
             scan = measured(scan)
         on_the_way.append((state, scan))

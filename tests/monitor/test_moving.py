@@ -34,6 +34,7 @@ from applr_ros1.movers.tracker import Movers
 from sim_bridge.lidar import Lidar
 from tests.monitor.scenes import AT_REST, BODY, FRONT, HERE, SIDE, safe_scale_of
 from tests.monitor.test_ways import braking_distance, smallest_passing
+from tests.support.robots import scan_by
 
 PERIOD = 0.05  # control period [s]
 RADIUS = 0.25  # radius of the moving obstacles [m]
@@ -101,15 +102,8 @@ def ride(robot, scene, seconds=4.0, **changes):
         if cycle % scan_cycles == 0:
             discs = [(*centre, RADIUS) for centre in centres]
             sensor_pose = laser.pose_for(pose)
-            scan = LaserScan(
-                time,
-                laser.first_angle,
-                laser.increment,
-                laser.range_min,
-                laser.range_max,
-                Lidar(laser, discs, scene.boxes).scan(*sensor_pose),
-                sensor_pose,
-            )
+            ranges = Lidar(laser, discs, scene.boxes).scan(*sensor_pose)
+            scan = scan_by(laser, time, ranges, sensor_pose)
             monitor.add_scan(scan)
         verdict = monitor.filter(time, pose, (v, w), scene.command)
         actions.append(verdict.action)
@@ -223,6 +217,15 @@ def test_what_overtakes_or_drives_away_does_not_stop_the_base(robot_name):
     assert set(result.actions[30:]) == {PASS}
 
 
+@pytest.mark.parametrize("passive_safety", [True, False])
+def test_passive_safety_can_be_switched_off(passive_safety):
+    robot = ROBOTS["jackal"]
+    monitor = robot.monitor.model_copy(update={"passive_safety": passive_safety})
+    result = ride(replace(robot, monitor=monitor), crossing(1.0, 1.0))
+    assert (MOVER_COMES in result.reasons) == passive_safety
+    assert (result.touch_speed > STANDS) == (not passive_safety)
+
+
 def test_a_base_at_rest_lets_a_mover_pass_and_then_drives_on():
     robot = ROBOTS["jackal"]
     crosses = straight(0.9, 1.6, 0.0, -0.8)
@@ -240,7 +243,6 @@ def test_what_stands_moves_for_nobody_while_the_wheels_slip():
     """
     robot = ROBOTS["jackal"]
     laser = robot.laser
-    limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
     walls = [(3.0, 0.0, 0.0, 0.2, 8.0), (0.0, 3.0, 0.0, 8.0, 0.2), (0.0, -3.0, 0.0, 8.0, 0.2)]
     lidar = Lidar(laser, [(1.5, 0.3, RADIUS)], np.array(walls))
     rng = np.random.default_rng(0)
@@ -253,7 +255,7 @@ def test_what_stands_moves_for_nobody_while_the_wheels_slip():
         ranges = lidar.scan(*laser.pose_for(HERE), comes[: number >= 30])
         ranges += rng.normal(0.0, 0.003, len(ranges)).astype(np.float32)
         slid_pose = (0.0, min(stamp, 1.5), 0.0)
-        monitor.add_scan(LaserScan(stamp, *limits, ranges, laser.pose_for(slid_pose)))
+        monitor.add_scan(scan_by(laser, stamp, ranges, laser.pose_for(slid_pose)))
         if number < 30:
             tracked += len(tracker.movers.id)
     assert tracked == 0

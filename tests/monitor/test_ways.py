@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.monitor.known_space import CELL_M
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, MonitorOutput
 from applr_ros1.monitor.motion import PoseVelocity
@@ -310,10 +311,10 @@ def test_the_space_just_past_the_stop_must_be_observed(side):
     # All cells up to x = 0 are observed. They are stored modulo their number.
     cells = np.ones((120, 120), np.uint8)
     cells[:20] = 0
-    yaw = 0.0 if side > 0.0 else math.pi  # Driving backwards, it faces away from there.
+    cos_yaw = side  # Driving backwards, it faces away from there.
 
     def passes(distance):
-        seen = SeenCells(cells, -100, -60, -(FRONT + distance), 0.0, yaw)
+        seen = SeenCells(cells, -100, -60, BodyPose(-(FRONT + distance), 0.0, cos_yaw, 0.0))
         command = (side * speed, 0.0)
         return safe_scale_of([], BaseMotion(*command), command, BRAKING, seen=seen) == 1.0
 
@@ -374,22 +375,22 @@ def test_points_in_the_body_are_those_of_the_scalar_computation():
     rng = np.random.default_rng(3)
     outcomes = set()
     for _ in range(300):
-        x, y, yaw = rng.uniform(-0.3, 0.3, 3)
+        pose = rng.uniform(-0.3, 0.3, 3)
         points = rng.uniform(-0.6, 0.6, (20, 2))
         limits = rng.uniform(0.0, 0.3, 20)
-        place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
-        expected = False
-        for (point_x, point_y), limit in zip(points, limits):
-            # The point in the frame of the body
-            dx = point_x - x
-            dy = point_y - y
-            forward = place.cos_yaw * dx + place.sin_yaw * dy
-            leftward = place.cos_yaw * dy - place.sin_yaw * dx
-            expected |= penetration(BODY.planes, MARGIN, forward, leftward) > limit
+        in_body = transform_point(inverse(pose), *points.T)
+        depths = [penetration(BODY.planes, MARGIN, *point) for point in zip(*in_body)]
+        expected = bool((depths > limits).any())
         obstacles = obstacles_of(points, BODY)
-        assert is_deeper(obstacles, limits, BODY.planes, MARGIN, place) == expected
-        outcomes.add(bool(expected))
+        assert is_deeper(obstacles, limits, BODY.planes, MARGIN, place_of(pose)) == expected
+        outcomes.add(expected)
     assert outcomes == {True, False}
+
+
+def place_of(pose):
+    """Return a pose (x, y, yaw) as the kernels have it."""
+    x, y, yaw = pose
+    return BodyPose(x, y, math.cos(yaw), math.sin(yaw))
 
 
 def test_the_body_is_seen_if_all_cells_under_its_edge_are():
@@ -398,31 +399,19 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
     side = 60
     outcomes = set()
     for _ in range(300):
-        x, y, yaw = rng.uniform(-0.3, 0.3, 3)
-        place = BodyPose(x, y, math.cos(yaw), math.sin(yaw))
+        pose = rng.uniform(-0.3, 0.3, 3)
         # A few cells are unknown.
         cells = (rng.random((side, side)) > 0.002).astype(np.uint8)
-        corner_x, corner_y = rng.integers(-200, 200, 2).tolist()
-        offset_x, offset_y = rng.uniform(8.0, side - 8.0, 2)
-        robot_x = CELL_M * (corner_x + offset_x)
-        robot_y = CELL_M * (corner_y + offset_y)
-        robot_yaw = rng.uniform(-3.0, 3.0)
-        cos_robot = math.cos(robot_yaw)
-        sin_robot = math.sin(robot_yaw)
-        expected = True
-        for edge_x, edge_y in BODY.edge:
-            # From the body to the robot's current pose, then to the frame of the cells
-            ahead = x + place.cos_yaw * edge_x - place.sin_yaw * edge_y
-            aside = y + place.sin_yaw * edge_x + place.cos_yaw * edge_y
-            map_x = robot_x + cos_robot * ahead - sin_robot * aside
-            map_y = robot_y + sin_robot * ahead + cos_robot * aside
-            cell_x = math.floor(map_x / CELL_M)
-            cell_y = math.floor(map_y / CELL_M)
-            is_in_window = 0 <= cell_x - corner_x < side and 0 <= cell_y - corner_y < side
-            is_known = bool(cells[cell_x % side, cell_y % side])
-            expected = expected and is_in_window and is_known
-        seen = SeenCells(cells, corner_x, corner_y, robot_x, robot_y, robot_yaw)
-        assert is_seen(seen, BODY.edge, place) == expected
+        corner = rng.integers(-200, 200, 2)
+        robot_place = CELL_M * (corner + rng.uniform(8.0, side - 8.0, 2))
+        robot_pose = (*robot_place, rng.uniform(-3.0, 3.0))
+        # From the body to the robot's current pose, then to the frame of the cells
+        on_map = transform_point(robot_pose, *transform_point(pose, *BODY.edge.T))
+        indices = np.floor(np.column_stack(on_map) / CELL_M).astype(int)
+        is_in_window = ((indices >= corner) & (indices < corner + side)).all()
+        expected = bool(is_in_window and cells[tuple((indices % side).T)].all())
+        seen = SeenCells(cells, *corner.tolist(), place_of(robot_pose))
+        assert is_seen(seen, BODY.edge, place_of(pose)) == expected
         outcomes.add(expected)
     assert outcomes == {True, False}
 

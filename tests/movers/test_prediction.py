@@ -14,7 +14,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import JACKAL
-from tests.support.robots import ToyRobot, quick, ring, run
+from tests.support.robots import ToyRobot, quick, ring
 
 WALL = ring(0.0, 0.0, 4.0, posts=300, size=0.06)  # closed ring that every beam hits
 LETHAL = 254  # cost of an occupied cell, as in costmap_2d
@@ -230,37 +230,24 @@ def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
     assert planners.marked_more() == 0
 
 
-@pytest.fixture
-def free_drive(stubbed):
-    """Return a function that drives past a post, with or without movers, and what came of it."""
+def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
     prediction, _ = stubbed
-
-    def drive(movers):
-        """Return the commands of the drive, and the local costmap at its end."""
+    outcomes = []
+    for movers in (True, False):
         move_base = MoveBase(quick(applr={"movers": movers}))
         robot = ToyRobot(circles=[(1.5, 0.5, 0.15)])
-        step = move_base.step
-
-        def step_with_points(now, pose, twist, scan):
+        outcome = []
+        for step in range(120):
+            if step == 2:
+                move_base.set_goal((3.0, 0.0, 0.0), robot.time)
+            scan = robot.scan()
             sensed = {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}
-            return step(now, pose, twist, sensed)
-
-        if movers:
-            move_base.step = step_with_points
-        run(move_base, robot, 0.1)
-        move_base.set_goal((3.0, 0.0, 0.0), robot.time)
-        cycles = []
-        run(move_base, robot, 6.0, cycles=cycles)
-        x, _, _ = robot.pose
-        assert x > 1.5
-        commands = [cycle.command for _, cycle in cycles]
-        return commands, move_base.local_costmap.cells.tobytes()
-
-    return drive
-
-
-def test_without_moving_obstacles_planners_are_bit_identical(free_drive):
-    assert free_drive(movers=True) == free_drive(movers=False)
+            cycle = move_base.step(robot.time, robot.pose, robot.twist, sensed if movers else scan)
+            robot.drive(cycle.command, 0.05)
+            outcome.append(cycle.command)
+        assert robot.pose[0] > 1.5
+        outcomes.append((outcome, move_base.local_costmap.cells.tobytes()))
+    assert outcomes[0] == outcomes[1]
 
 
 # -- observation source of the costmaps ------------------------------------------------------------

@@ -29,9 +29,17 @@ SCAN = {
     "angle_min": -1.0,
     "increment": 0.01,
     "range_min": 0.1,
+    "range_max": 10.0,
     "beams": 201,
 }
 AT_ORIGIN = record(FAN)
+
+
+def no_scans():
+    """Return the memory of scans before the first one."""
+    fans = np.zeros(SCANS, FAN)
+    fans["stamp"] = -np.inf
+    return tracks.EarlierScans(np.zeros((SCANS, 201), np.float32), fans)
 
 
 @pytest.mark.parametrize(
@@ -66,15 +74,17 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, s
 
 
 @pytest.mark.parametrize(
-    ("free", "swept", "has_moved"),
+    ("free", "swept", "older", "proofs"),
     [
-        (1, 0.0, False),
-        (2, 0.0, True),
-        (3, 0.14, True),
-        (3, 0.16, False),  # over BENT_RAD [rad], a distorted scan proves nothing
+        (1, 0.0, [], 0),
+        (2, 0.0, [], 1),
+        (3, 0.14, [], 1),
+        (3, 0.16, [], 0),  # over BENT_RAD [rad], a distorted scan proves nothing
+        (3, 0.0, [4.0], 2),
+        (3, 0.0, [2.0], 0),  # stood there before
     ],
 )
-def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, has_moved):
+def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, older, proofs):
     """The points are in free space of the earlier scan, or were in that of the latest scan."""
     # Given: three points at 2 m, and a scan that sees through the place of the first `free` ones
     beams = np.array([50, 100, 150])
@@ -87,21 +97,21 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, has_
     for beam in beams[:free]:
         ranges_through[beam - 22 : beam + 23] = 4.0
     fan = record(FAN, swept=swept, **SCAN)
-    ranges = np.zeros((SCANS, 201), np.float32)
-    fans = np.zeros(SCANS, FAN)
-    fans["stamp"] = -np.inf  # no scan
+    earlier = no_scans()
+    ranges, fans = earlier
     fans[0] = record(FAN, **SCAN)
-    earlier = tracks.EarlierScans(ranges, fans)
+    for ranges[1] in older:
+        fans[1] = record(FAN, **{**SCAN, "stamp": -1.0})
     history = np.full((SCANS, POINTS, 2), np.nan)
 
     # When the earlier scan sees through
     ranges[0] = ranges_through
-    assert tracks.has_moved(points, history, earlier, wall, fan) == has_moved
+    assert tracks.proofs_of_motion(points, history, earlier, wall, fan) == proofs
 
     # When the latest scan sees through the points of the earlier one
     history[0] = points
     ranges[0] = wall
-    assert tracks.has_moved(points, history, earlier, ranges_through, fan) == has_moved
+    assert tracks.proofs_of_motion(points, history, earlier, ranges_through, fan) == proofs
 
 
 @pytest.mark.parametrize("increment", [0.01, -0.01])
@@ -174,6 +184,15 @@ def seen_from(fan, error, places, outliers=0):
     return clusters_seen
 
 
+def voters_at(places, variance):
+    """Return VOTERs (n,) at `places` (n, 2), one for each cluster."""
+    voters = np.zeros(len(places), VOTER)
+    voters["x"], voters["y"] = places.T
+    voters["variance"] = variance
+    voters["cluster"] = np.arange(len(places))
+    return voters
+
+
 def test_static_tracks_correct_the_pose():
     """One of eight tracks is an outlier. If half of the tracks are, nothing is corrected."""
     # Given: eight static tracks around a laser whose pose is wrong by some centimetres
@@ -183,11 +202,7 @@ def test_static_tracks_correct_the_pose():
     rng = np.random.default_rng(0)
     places = (5.0, -3.0) + rng.uniform(-4.0, 4.0, (8, 2))
     x, y = places.T
-    voters = np.zeros(8, VOTER)
-    voters["x"] = x
-    voters["y"] = y
-    voters["variance"] = 1e-5
-    voters["cluster"] = np.arange(8)
+    voters = voters_at(places, 1e-5)
     clusters_seen = seen_from(fan, error, places, outliers=1)
     half_outliers = seen_from(fan, error, places, outliers=4)
 
@@ -213,10 +228,7 @@ def test_tracks_on_one_side_correct_the_pose():
     error = Correction(dx=0.02, dy=-0.03, turn=0.02)
     rng = np.random.default_rng(0)
     places = (8.0, -1.0) + rng.uniform(-1.0, 1.0, (8, 2))
-    voters = np.zeros(8, VOTER)
-    voters["x"], voters["y"] = places.T
-    voters["variance"] = 1e-6
-    voters["cluster"] = np.arange(8)
+    voters = voters_at(places, 1e-6)
     clusters_seen = seen_from(fan, error, places)
     clusters_seen["sigma"] = 0.001
     np.testing.assert_allclose(slip(voters, clusters_seen, fan), error, atol=0.002)
@@ -268,12 +280,9 @@ def test_settled_tracks_with_whole_clusters_of_their_size_correct_the_pose(
         clusters_seen[name] = value
     history = np.full((SCANS, MAX_TRACKS, POINTS, 2), np.nan)
     depth = np.full(201, 4.0, np.float32)
-    earlier_fans = np.zeros(SCANS, FAN)
-    earlier_fans["stamp"] = -np.inf  # no scan
-    earlier = tracks.EarlierScans(np.zeros((SCANS, 201), np.float32), earlier_fans)
 
     # When
-    tracks.follow(known, history, clusters_seen, depth, fans, earlier, 0.05, 0.0)
+    tracks.follow(known, history, clusters_seen, depth, fans, no_scans(), 0.05, 0.0)
 
     # Then
     assert fans[0]["x"] == pytest.approx(0.03 if corrects else 0.0, abs=0.005)

@@ -5,10 +5,12 @@ from types import SimpleNamespace
 import pytest
 
 from applr_ros1.monitor.monitor import BRAKE, PASS, SLOW, STOP, Verdict
+from applr_ros1.nodes.monitor.node import ESCAPE
 from applr_ros1.nodes.monitor.reports import MonitorReports, topic_named
 
 PASSES = Verdict((0.3, 0.0))
 BRAKES = Verdict((0.3, 0.0), BRAKE, reason="braking as the planner asks")
+ESCAPES = Verdict((-0.1, 0.0), ESCAPE, reason="move_base makes no progress")
 STOPS = Verdict.stop((0.0, 0.0), "a wall")
 CONTRADICTS = "the odometry's velocity is 0"
 RECENT_S = 0.1
@@ -22,6 +24,7 @@ LONG_S = 2.1
         (BRAKES, RECENT_S, "", (False, "braking as the planner asks")),
         (PASSES, RECENT_S, CONTRADICTS, (True, CONTRADICTS)),
         (STOPS, RECENT_S, "", (True, "a wall")),
+        (ESCAPES, RECENT_S, "", (True, "move_base makes no progress")),
         (STOPS, RECENT_S, CONTRADICTS, (True, "a wall")),
         (STOPS, LONG_S, "", (False, "idle: no commands")),
         (STOPS, LONG_S, CONTRADICTS, (True, CONTRADICTS)),

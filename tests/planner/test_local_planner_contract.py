@@ -148,7 +148,7 @@ def test_no_command_far_from_the_plan_or_without_one(planner):
     assert planner.compute_velocity((0, 40, 0), STANDING, costmap()) == (False, STANDING)
     planner.set_plan(np.zeros((0, 3)))
     assert planner.compute_velocity(ORIGIN, STANDING, costmap()) == (False, STANDING)
-    assert len(planner.local_plan) == 0
+    assert len(planner.local_plan) == len(planner.trajectory_cloud(costmap())) == 0
     assert not planner.goal_reached
 
 

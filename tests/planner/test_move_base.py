@@ -244,16 +244,6 @@ def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_
     assert ((0.0, 0.4) in commands) == (watched and planner == "ours")
 
 
-def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
-    move_base, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
-    cycles = []
-    status, _ = run(move_base, robot, 5.0, cycles=cycles)
-    assert status == "aborted"
-    assert recoveries(cycles) == []
-    # The first attempt, and three retries.
-    assert count(cycles, "planned") == 4
-
-
 @pytest.mark.fault("17")
 @pytest.mark.parametrize(
     "goal",
@@ -282,30 +272,6 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
     assert second_cycle.command is None
     # C++ would keep driving.
     assert move_base.step(robot.time + 0.05, robot.pose, robot.twist).command is None
-
-
-@pytest.mark.fault("17")
-@pytest.mark.parametrize(
-    ("is_valid", "patience", "text", "late"),
-    [
-        (False, "controller_patience", module.NO_CONTROL, 0.2),
-        # Planning keeps succeeding at 20 Hz, which in C++ delays the first recovery for long.
-        (True, "oscillation_timeout", module.OSCILLATING, 0.16),
-    ],
-)
-def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
-    is_valid, patience, text, late
-):
-    tree = quick(clearing_rotation_allowed=False, **{patience: 1.0})
-    move_base, robot = start((3.0, 0.0, 0.0), tree=tree)
-    move_base.local_planner = Scripted(lambda n: (is_valid, STOP))
-    cycles = []
-    assert run(move_base, robot, 20.0, cycles=cycles) == ("aborted", text)
-    assert recovery_names(cycles) == ["conservative_reset", "aggressive_reset"]
-    # The goal came at 0.1 s; both patiences are 1 s.
-    first_time, _ = recoveries(cycles)[0]
-    assert first_time - 0.1 == pytest.approx(1.0, abs=late)
-    assert set(commands_of(cycles)) == {STOP}
 
 
 def test_a_valid_command_starts_the_recoveries_over():
@@ -360,14 +326,25 @@ def test_cancel_stops_at_the_next_step():
     assert move_base.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
-def test_cancel_during_a_rotation_takes_effect_at_once():
+def rotating():
+    """Return MoveBase and robot while a recovery turns, which would last for another half turn."""
     move_base, robot = sealed()
     while not (move_base.state == "clearing" and robot.twist[1] > 1.0):
         robot.drive(step(move_base, robot).command, 0.05)
         assert robot.time < 5.0
-    # The rotation would last for another half turn.
+    return move_base, robot
+
+
+def test_cancel_during_a_rotation_takes_effect_at_once():
+    move_base, robot = rotating()
     move_base.cancel()
     assert move_base.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
+
+
+def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
+    move_base, robot = rotating()
+    move_base.set_goal((41.0, 0.0, 0.0), robot.time)
+    assert step(move_base, robot).command == STOP
 
 
 def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():

@@ -110,7 +110,6 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
         mirrored_scene = context(robot, np.random.default_rng(seed), side=-1.0)
         observation = encoding.observe(scene)
         mirrored = mirror_encoding.observe(mirrored_scene)
-        assert observation.shape == (SIZE,)
         assert np.abs(observation).max() <= 1.0
         np.testing.assert_allclose(
             observation[MIRROR.order] * MIRROR.sign,

@@ -78,13 +78,6 @@ def test_the_stall_rule_takes_the_place_of_the_method():
     assert pilot.stall_rule.count == 2
 
 
-def test_a_method_that_refuses_keeps_its_parameters_in_a_stall():
-    method = Chooses(parameters(max_vel_x=1.0))
-    method.redraws_stalled = False
-    choice = stalled(Pilot(method, JACKAL), seconds=12)
-    assert (choice.why, choice.clears_costmaps) == (METHOD, False)
-
-
 @pytest.mark.parametrize("max_speed", [2.0, 0.6, 0.3])
 def test_parameters_in_a_stall_are_within_the_ranges_and_the_speed_limit(max_speed):
     pilot = Pilot(Chooses(), JACKAL, max_speed=max_speed)

@@ -285,7 +285,6 @@ def test_an_observation_has_its_layout_and_scale():
     ranges = np.full(720, 1.5, dtype=np.float32)
     ranges[:4] = np.inf, 30.0, -np.inf, 0.1
     observation = observe(ranges, np.pi / 2, THETA_0)
-    assert observation.shape == (729,)
     assert observation.dtype == np.float32
 
     # Ranges from 0 to 2 m, the angle in units of pi, and the parameters as actions

@@ -219,6 +219,19 @@ def test_a_robot_without_a_plan_does_not_stand_in_a_dead_end():
     assert all(map(is_backing_out, chosen[8:]))
 
 
+@pytest.mark.parametrize(("speed", "stands"), [(0.0, True), (SLOW, False)])
+def test_where_the_robot_stands_its_own_padding_and_inflation_let_a_plan_out(speed, stands):
+    padding, inflation = map(SPACE.names.index, ("footprint_padding", "inflation_radius"))
+    theta = SPACE.theta0.copy()
+    theta[padding] = 0.14
+    rule = StallRule(JACKAL)
+    rule.begin_course(3)
+    for time in range(12):
+        replaced = rule.redraw(SET, scene(float(time), place(time, speed)), theta)
+    assert (replaced[padding] == SPACE.theta0[padding]) == stands
+    assert (replaced[inflation] == SPACE.theta0[inflation]) == stands
+
+
 def test_a_robot_that_stands_within_the_tolerance_of_its_goal_is_not_stuck():
     def last_decision(distance):
         rule = StallRule(JACKAL)

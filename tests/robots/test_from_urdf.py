@@ -743,6 +743,7 @@ def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
     assert "has no link mast, the sensor_frame of the costmaps" in written.output
 
 
+UNREADABLE = r"check_urdf \(Debian: liburdfdom-tools\) finds the error"
 # The remedy if a file is not what roslaunch loads
 DUMP = "give the output of roslaunch --dump-params PACKAGE FILE.launch"
 # A mistake puts another file in the place of the local planner's.
@@ -758,17 +759,9 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             {"name": "a.xacro"},
             "xacro fails: .*part.*; give arguments as NAME:=V",
         ),
-        ("<link", {}, r"is no valid URDF from line 1, column 26: check_urdf \(Debian: .*"),
-        (
-            CART.replace('size=".3 .2 .1"', 'size=".3 .2 wide"'),
-            {},
-            r"crate.urdf is no valid URDF: check_urdf \(Debian: liburdfdom-tools\) finds the error",
-        ),
-        (
-            '<link name="plate"><collision/></link>',
-            {},
-            "link plate has a <collision> without a shape: add its <geometry>, or remove it",
-        ),
+        ("<link", {}, rf"cannot be read \(line 1, column 26\); {UNREADABLE}"),
+        (CART.replace('size=".3 .2 .1"', 'size=".3 .2 wide"'), {}, UNREADABLE),
+        ('<link name="plate"><collision/></link>', {}, UNREADABLE),
         (
             CART.replace("base_footprint", "foot"),
             {},
@@ -847,14 +840,10 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             "no joint connects pack, lamp to base_footprint: correct the joints in .*",
         ),
         (link("pack") + CART, {}, "no joint connects pack to base_footprint: correct .*"),
-        (CART + joint("pack", "0 0 0"), {}, "joint pack_joint names pack, which is no link of .*"),
-        (CART + joint("left", "0 0 0", "swivel"), {}, "7 links have 7 names and 7 joints, but .*"),
-        (CART + CASTER, {}, "9 links have 7 names and 8 joints, but each needs a name of its own"),
-        (
-            CART.replace("base_footprint", "foot") + joint("foot", "0 0 0", "roller"),
-            {},
-            "the 7 links have 7 names and 7 joints, but .*",
-        ),
+        (CART + joint("pack", "0 0 0"), {}, UNREADABLE),
+        (CART + joint("left", "0 0 0", "swivel"), {}, UNREADABLE),
+        (CART + CASTER, {}, UNREADABLE),
+        (CART + joint("base_footprint", "0 0 0", "roller"), {}, "no joint connects .*: correct"),
     ],
 )
 def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):

@@ -170,30 +170,13 @@ class FakeJackal:
             self._publish_scan(stamp, self.robot.ranges())
 
     def _publish_scan(self, stamp, ranges):
-        limits = {
-            "angle_min": ANGLE_MIN,
-            "angle_max": ANGLE_MAX,
-            "range_min": RANGE_MIN,
-            "range_max": RANGE_MAX,
-        }
-        scan = LaserScan(angle_increment=INCREMENT, ranges=ranges.tolist(), **limits)
-        scan.header.stamp = stamp
-        scan.header.frame_id = "front_laser"
-        self._scan.publish(self.bend(scan))
+        self._scan.publish(self.bend(scan_message(ranges, stamp)))
 
     def publish_pose(self, stamp):
         """Publish tf and odometry of the present pose."""
-        odom_to_base = transform(
-            "odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp
-        )
         if self.transforms:
-            self._tf.publish(TFMessage([odom_to_base]))
-        odometry = Odometry(child_frame_id="base_link")
-        odometry.header = odom_to_base.header
-        odometry.pose.pose.orientation = odom_to_base.transform.rotation
-        odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.robot.pose[:2]
-        odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = self.robot.twist
-        self._odometry.publish(odometry)
+            self._tf.publish(TFMessage([odometry_transform(self.robot, stamp)]))
+        self._odometry.publish(odometry_message(self.robot, stamp))
 
 
 class Standing(FakeJackal):
@@ -271,6 +254,51 @@ class Standing(FakeJackal):
             plan = Path(poses=poses)
             plan.header = plan.poses[0].header
             self._plan.publish(plan)
+
+
+def scan_message(ranges, stamp):
+    """Return a scan of the Jackal's laser."""
+    limits = {
+        "angle_min": ANGLE_MIN,
+        "angle_max": ANGLE_MAX,
+        "range_min": RANGE_MIN,
+        "range_max": RANGE_MAX,
+    }
+    scan = LaserScan(angle_increment=INCREMENT, ranges=ranges.tolist(), **limits)
+    scan.header.stamp = stamp
+    scan.header.frame_id = "front_laser"
+    return scan
+
+
+def odometry_transform(robot, stamp):
+    """Return the transform of a ToyRobot's centre in the odometry frame."""
+    return transform("odom", "base_link", compose((0.0, 0.0, 0.0), robot.pose), stamp)
+
+
+def odometry_message(robot, stamp):
+    """Return the odometry of a ToyRobot."""
+    odom_to_base = odometry_transform(robot, stamp)
+    odometry = Odometry(child_frame_id="base_link")
+    odometry.header = odom_to_base.header
+    odometry.pose.pose.orientation = odom_to_base.transform.rotation
+    odometry.pose.pose.position.x, odometry.pose.pose.position.y = robot.pose[:2]
+    odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = robot.twist
+    return odometry
+
+
+def mount_laser(ros):
+    """Tell the nodes of an OfflineRos where the Jackal's laser is."""
+    laser_mount = transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), rospy.Time(0))
+    ros.tf.set_transform_static(laser_mount, "test")
+
+
+def sense(ros, robot, scan_topics=("front/scan",)):
+    """Send transform, odometry and scans of a ToyRobot to the nodes of an OfflineRos."""
+    stamp = ros.time
+    ros.tf.set_transform(odometry_transform(robot, stamp), "test")
+    ros.callbacks["odometry/filtered"](odometry_message(robot, stamp))
+    for topic in scan_topics:
+        ros.callbacks[topic](scan_message(robot.ranges(), stamp))
 
 
 def decided(message):
@@ -454,17 +482,10 @@ def config_type(parameters, code=""):
         if code and parameter_name == "max_vel_x":
             description.update(type="str", edit_method=code)
         descriptions.append(description)
-    # The fields that dynamic_reconfigure's generator gives the group around all parameters.
+    # The fields of the group around all parameters that dynamic_reconfigure reads
     group = {
         "name": "Default",
-        "parentname": "Default",
-        "upper": "DEFAULT",
-        "lower": "groups",
-        "field": "default",
         "type": "",
-        "class": "DEFAULT",
-        "parentclass": "",
-        "cstate": "true",
         "id": 0,
         "parent": 0,
         "state": True,

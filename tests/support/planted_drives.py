@@ -15,14 +15,22 @@ from applr_ros1.drives.received import Received, drive_from
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import events
 from applr_ros1.why.diagnosis import give_outside_reason
-from applr_ros1.why.events import DriveLimits
+from applr_ros1.why.limits import limits_of, start_values
+from sim_bridge.lidar import Lidar
 
 TOP = 0.5  # [m/s]
 STOP_S = 3.0  # begin of the stop [s]
 GOES_ON_S = 11.0  # its end [s]
 END_S = 14.0
 BEAMS = 180
-RANGE_M = 10.0
+LASER = JACKAL.laser.model_copy(
+    update={
+        "beams": BEAMS,
+        "first_angle": -np.pi,
+        "last_angle": np.pi - 2.0 * np.pi / BEAMS,
+        "range_max": 10.0,
+    }
+)
 
 # Words of the reason by its cause; "" if the planner wants it so, which nobody sees from outside
 CAUSES = {
@@ -143,17 +151,10 @@ def planted(cause, situation, seed):
 
 def said_of(drive):
     """Return what is said of a drive from outside."""
-    row_count = len(drive.odometry)
-    limits = DriveLimits(
-        speed=np.full(row_count, TOP),
-        turn=np.full(row_count, 1.5),
-        tolerance=0.25,
-        scale=1.0,
-        end=drive.end,
-    )
+    limits = limits_of(drive, drive.odometry, JACKAL, start_values(JACKAL))
     found_events = events.find(drive, drive.odometry, limits)
     for event in found_events:
-        give_outside_reason(event, drive, JACKAL)
+        give_outside_reason(event, drive, limits)
     told = max(found_events, key=lambda event: event.seconds, default=None)
     return Said([event.kind for event in found_events], told.reason if told else "")
 
@@ -185,21 +186,16 @@ def _routes(cause, situation, x, times):
 def _scans(times, places, situation, random):
     """Return what the laser sees between walls: of a room, or of a corridor without ends."""
     half = random.uniform(1.2, 3.0)
-    ahead, behind = 8.0, -3.0
-    if situation == "in a corridor":
-        ahead, behind = 1000.0, -1000.0
-    angles = -np.pi + 2.0 * np.pi * np.arange(BEAMS) / BEAMS
-    cos, sin = np.cos(angles), np.sin(angles)
+    walls = [(0.0, y, 0.0, 1000.0, 0.02) for y in (-half, half)]
+    if situation != "in a corridor":
+        walls += [(x, 0.0, 0.0, 0.02, 10.0) for x in (-3.0, 8.0)]
+    lidar = Lidar(LASER, np.zeros((0, 3)), np.array(walls))
     ranges = []
     for place in places:
-        with np.errstate(divide="ignore"):
-            to_ends = np.where(cos > 0.0, (ahead - place) / cos, (behind - place) / cos)
-            to_sides = np.where(sin > 0.0, half / sin, -half / sin)
-        seen = np.minimum(to_ends, np.where(sin == 0.0, np.inf, to_sides))
-        seen = seen + random.normal(0.0, 0.01, BEAMS)
-        ranges.append(np.where(seen > RANGE_M, np.inf, seen).astype(np.float32))
-    fan = np.tile([-np.pi, 2.0 * np.pi / BEAMS, 0.1, RANGE_M], (len(times), 1))
-    return Scans(times, times, fan, ranges)
+        noise = random.normal(0.0, 0.01, BEAMS).astype(np.float32)
+        ranges.append(lidar.scan(place, 0.0, 0.0) + noise)
+    fan = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
+    return Scans(times, times, np.tile(fan, (len(times), 1)), ranges)
 
 
 # -- as it is recorded

@@ -84,9 +84,7 @@ class ToyRobot:
         return Lidar(LASER, self.circles, np.zeros((0, 5))).scan(*self.sensor_pose())
 
     def scan(self):
-        return LaserScan(
-            self.time, ANGLE_MIN, INCREMENT, RANGE_MIN, RANGE_MAX, self.ranges(), self.sensor_pose()
-        )
+        return scan_by(LASER, self.time, self.ranges(), self.sensor_pose())
 
     def drive(self, command, duration):
         """Drive for `duration` [s]. Without a command, the robot stands still."""
@@ -101,6 +99,12 @@ class ToyRobot:
         self.pose = (x, y, math.remainder(yaw, 2 * math.pi))
         self.twist = (v, w)
         self.time += duration
+
+
+def scan_by(laser, stamp, ranges, sensor_pose):
+    """Return the scan of a robot's laser at a pose."""
+    geometry = laser.first_angle, laser.increment, laser.range_min, laser.range_max
+    return LaserScan(stamp, *geometry, ranges, sensor_pose)
 
 
 def ring(x, y, radius, posts=40, size=0.1):

@@ -111,27 +111,6 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
     assert values_in_order == [0.05, 0.01, 1.7, 8.0, 20]
 
 
-def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
-    fast_but_close = Change(PLANNER, "sim_time", 2.0, 1.0)
-    slower = Change(PLANNER, "sim_time", 2.0, 4.0)
-    # Speed [m/s] and smallest distance of obstacles [m]
-    results = {
-        None: (0.1, 0.5),
-        fast_but_close: (0.5, 0.05),
-        slower: (0.3, 0.5),
-    }
-
-    def drive_on(replay, cycles, changes=(None,)):
-        return np.array([results[changes[0]]] * len(cycles))
-
-    monkeypatch.setattr(alternatives, "drive_on", drive_on)
-    (alternative,) = alternatives.best_changes(
-        replay, [(fast_but_close,), (slower,)], replay.cycles[:4]
-    )
-    assert alternative.change == slower
-    assert alternative.gain == pytest.approx(0.2)
-
-
 def test_the_best_value_of_each_parameter_is_left_that_fits_past_obstacles(replay, monkeypatch):
     faster = Change(PLANNER, "sim_time", 2.0, 1.0)
     slower = Change(PLANNER, "sim_time", 2.0, 4.0)
@@ -155,6 +134,7 @@ def test_the_best_value_of_each_parameter_is_left_that_fits_past_obstacles(repla
         monkeypatch.setattr(alternatives, "drive_on", drive_on)
         tried = [(slower,), (faster,), (little,), (other,)]
         kept = alternatives.best_changes(replay, tried, replay.cycles[:4])
+        assert kept[-1].gain == pytest.approx(0.1)
         return [alternative.change.after for alternative in kept]
 
     # A circle of 0.265 m fits into the Jackal's padded footprint: at 0.35 m it passes.

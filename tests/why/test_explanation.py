@@ -58,12 +58,12 @@ def driven_with_post(ahead, left, since=0.0):
 
 
 def cycle_of(command=(0.5, 0.0), at=0.0, yaw=0.0):
-    """Return a cycle of the Jackal's planner at the origin, whose plan leads to (3, 0)."""
-    x = np.linspace(0.0, 3.0, 31)
+    """Return a cycle of the Jackal's planner at (1, 1), whose plan leads to (4, 1)."""
+    x = np.linspace(1.0, 4.0, 31)
     return ReplayedCycle(
-        pose=(0.0, 0.0, yaw),
+        pose=(1.0, 1.0, yaw),
         twist=(0.0, 0.0),
-        plan=np.column_stack([x, 0.0 * x, 0.0 * x]),
+        plan=np.column_stack([x, 1.0 + 0.0 * x, 0.0 * x]),
         map=(),
         memory=Memory([]),
         is_new=False,
@@ -94,8 +94,12 @@ def moment_of(cycle, velocities=((0.5, 0.0),), costs=(1.0,), term=None):
 
 def explained(cycle, velocities, costs, term=None):
     """Return the explanation of a cycle with these samples."""
-    moment = moment_of(cycle, velocities, costs, term)
-    return explain(SimpleNamespace(at=lambda cycle: moment), cycle)
+    return explain(moment_of(cycle, velocities, costs, term))
+
+
+def explained_in(replay, cycle):
+    """Return the explanation of a cycle of a replay."""
+    return explain(replay.at(cycle))
 
 
 def test_the_table_has_the_sample_that_drives_on_in_its_row_of_the_page():
@@ -121,7 +125,7 @@ def test_a_sample_that_is_refused_beside_no_obstacle_leaves_the_map():
 def test_the_obstacle_in_the_way_is_named():
     replay = driven_with_post(0.5, 0.15, since=3.0)
     cycle = replay.cycles[66]  # 0.3 s after the post appeared
-    explanation = explain(replay, cycle)
+    explanation = explained_in(replay, cycle)
     # "28 of 30 faster samples ..."
     obstacle_line = explanation.lines[-1]
     numbers = obstacle_line.split(" faster samples")[0]
@@ -137,46 +141,44 @@ def test_the_obstacle_in_the_way_is_named():
     ranges = replay.drive.scans.ranges
     before_the_post = ranges[40]
     ranges[cycle.scan] = before_the_post
-    assert "from earlier scans" in explain(replay, cycle).lines[-1]
+    assert "from earlier scans" in explained_in(replay, cycle).lines[-1]
 
 
-def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
-    replay = driven_with_post(0.5, 0.0)
-    assert part_of_robot(replay) is not None
-    # At one place, a post of the world and a part of the robot look the same.
-    replay = replace(replay, cycles=[replay.cycles[0]] * 300)
-    assert part_of_robot(replay) is None
+@pytest.fixture(scope="module")
+def with_part():
+    """Return a replay in which the laser sees a part of the robot."""
+    return driven_with_post(0.5, 0.0)
 
 
-def test_a_point_beside_a_robot_that_drives_straight_on_is_no_part_of_it():
-    """A wall along its way stays beside it, however far it drives."""
-    replay = driven_with_post(0.5, 0.0)
-    first_yaw = replay.cycles[0].pose[2]
-    straight_cycles = []
-    for cycle in replay.cycles:
-        if abs(cycle.pose[2] - first_yaw) < 0.3:
-            straight_cycles.append(cycle)
-    assert len(straight_cycles) > 30
-    assert part_of_robot(replace(replay, cycles=straight_cycles)) is None
+def turned_by(cycle, yaw):
+    """Return a cycle in which the robot has turned."""
+    x, y, earlier_yaw = cycle.pose
+    return replace(cycle, pose=(x, y, earlier_yaw + yaw))
 
 
-def test_a_point_beside_a_robot_that_turns_by_a_radian_is_no_part_of_it():
-    """In a narrow place something is beside it at each heading."""
-    replay = driven_with_post(0.5, 0.0)
-    first_yaw = replay.cycles[0].pose[2]
-    turned_cycles = [cycle for cycle in replay.cycles if abs(cycle.pose[2] - first_yaw) < 1.1]
-    assert max(abs(cycle.pose[2] - first_yaw) for cycle in turned_cycles) > 1.0
-    assert part_of_robot(replace(replay, cycles=turned_cycles)) is None
+@pytest.mark.parametrize(
+    "driven",
+    [
+        # At one place, a post of the world and a part of the robot look the same.
+        pytest.param(lambda cycles: [cycles[0]] * 300, id="stands"),
+        # A wall along its way stays beside it, however far it drives.
+        pytest.param(lambda cycles: turned_less(cycles, 0.3), id="drives straight on"),
+        # In a narrow place something is beside it at each heading.
+        pytest.param(lambda cycles: turned_less(cycles, 1.1), id="turns by a radian"),
+        # It comes back to two headings, at which the same wall is seen each time.
+        pytest.param(lambda cycles: [cycles[0], turned_by(cycles[0], 0.3)] * 50, id="to and fro"),
+    ],
+)
+def test_a_point_beside_a_robot_that_turns_little_is_no_part_of_it(with_part, driven):
+    assert part_of_robot(with_part) is not None
+    cycles = driven(with_part.cycles)
+    assert len(cycles) > 30
+    assert part_of_robot(replace(with_part, cycles=cycles)) is None
 
 
-def test_a_point_beside_a_robot_that_turns_to_and_fro_is_no_part_of_it():
-    """It comes back to two headings, at which the same wall is seen each time."""
-    replay = driven_with_post(0.5, 0.0)
-    first_cycle = replay.cycles[0]
-    x, y, yaw = first_cycle.pose
-    turned_cycle = replace(first_cycle, pose=(x, y, yaw + 0.3))
-    to_and_fro = replace(replay, cycles=[first_cycle, turned_cycle] * 50)
-    assert part_of_robot(to_and_fro) is None
+def turned_less(cycles, yaw):
+    """Return the cycles in which the robot has turned by less than an angle [rad]."""
+    return [cycle for cycle in cycles if abs(cycle.pose[2] - cycles[0].pose[2]) < yaw]
 
 
 def test_a_point_that_is_far_from_the_outline_is_no_part_of_the_robot():
@@ -189,10 +191,10 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     replay = replayed(robot, driven)
     assert part_of_robot(replay) is None
     cycle = replay.cycles[-20]
-    explanation = explain(replay, cycle)
+    moment = replay.at(cycle)
+    explanation = explain(moment)
 
     # The planner's own costs: their parts add up, and the command, in the last row, is cheapest.
-    moment = replay.at(cycle)
     command = moment.command
     velocities, costs, parts = moment.samples
     legal = costs >= 0
@@ -232,8 +234,8 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
     )
     escaping_cycle = replace(cycle, memory=Memory(list(planner_state.values())))
 
-    line_if_escaping = explain(sound, escaping_cycle).lines[0]
-    line_otherwise = explain(sound, cycle).lines[0]
+    line_if_escaping = explained_in(sound, escaping_cycle).lines[0]
+    line_otherwise = explained_in(sound, cycle).lines[0]
 
     assert "was not sampled, because the planner is escaping" in line_if_escaping
     assert line_otherwise.startswith("The planner drives on (")
@@ -241,11 +243,9 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
 
 def test_a_plan_that_leads_back_is_the_whole_reason(sound):
     cycle = sound.cycles[40]
-    x, y, yaw = cycle.pose
-    turned_round = replace(cycle, pose=(x, y, yaw + np.pi))
-    words_if_turned = explain(sound, turned_round).words
+    words_if_turned = explained_in(sound, turned_by(cycle, np.pi)).words
     assert words_if_turned == "the plan leads back, behind the robot"
-    assert "leads back" not in explain(sound, cycle).words
+    assert "leads back" not in explained_in(sound, cycle).words
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -255,18 +255,6 @@ def test_a_plan_leads_back_from_a_right_angle_on(side):
         assert moment_of(cycle_of(yaw=side * yaw)).leads_back == leads_back
 
 
-def test_a_sim_time_that_leads_past_the_end_of_the_plan_is_named(sound):
-    cycle = sound.cycles[5]
-    long_time = cycle.settings.with_(Change(PLANNER, "sim_time", 2.0, 10.0))
-    x, y, _ = cycle.pose
-    from_robot = np.hypot(cycle.plan[:, 0] - x, cycle.plan[:, 1] - y)
-    # The plan ends 1 m ahead.
-    short_plan = cycle.plan[: int(np.argmax(from_robot > 1.0))]
-    words = explain(sound, replace(cycle, settings=long_time, plan=short_plan)).words
-    assert words.startswith("no command faster than 0.1")
-    assert words.endswith("acc_lim_x 10, sim_time 10 before the end of the plan)")
-
-
 def test_the_end_of_a_plan_is_named_only_if_it_is_too_near_for_full_speed():
     slow = (0.1, 0.0)
     cycle = cycle_of(command=slow)
@@ -274,8 +262,8 @@ def test_the_end_of_a_plan_is_named_only_if_it_is_too_near_for_full_speed():
     for row_count, is_named in ((5, True), (11, False)):
         near_end = replace(cycle, plan=cycle.plan[:row_count])
         words = explained(near_end, [slow], [1.0]).words
-        assert words.startswith("no command faster than 0.10 m/s is sampled")
-        assert ("sim_time 2 before the end of the plan" in words) == is_named
+        assert words.startswith("no command faster than 0.10 m/s is sampled (vx_samples 6, acc_")
+        assert (", sim_time 2 before the end of the plan)" in words) == is_named
 
 
 def test_samples_that_dwa_refuses_are_explained():
@@ -286,7 +274,7 @@ def test_samples_that_dwa_refuses_are_explained():
     replay = replayed(WAFFLE, driven)
     # With this velocity, the samples reach from backing out to a slow turn.
     backs_out = replace(replay.cycles[10], twist=(-0.2, 0.0))
-    explanation = explain(replay, backs_out)
+    explanation = explained_in(replay, backs_out)
     last_line = explanation.lines[-1]
     # Whatever its values, it brakes first.
     assert explanation.words == ""
@@ -295,32 +283,33 @@ def test_samples_that_dwa_refuses_are_explained():
     # From standing, any robot drives off but one that hardly accelerates.
     hardly = Change(replay.planner.name, "acc_lim_x", 2.5, 0.1)
     stands = replace(backs_out, twist=(0.0, 0.0), settings=backs_out.settings.with_(hardly))
-    assert explain(replay, stands).words.startswith("no command faster than 0.01 m/s is sampled")
+    assert explained_in(replay, stands).words.startswith(
+        "no command faster than 0.01 m/s is sampled"
+    )
 
     # Nothing straight lies between both limits of the speed.
     lowered = Change(replay.planner.name, "max_vel_trans", 0.26, 0.08)
     crossed = replace(backs_out, settings=backs_out.settings.with_(lowered))
-    assert explain(replay, crossed).words == (
+    assert explained_in(replay, crossed).words == (
         "every straight command is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
         "no straight command is allowed"
     )
 
     # So it is when the plan leads back, too.
-    x, y, yaw = crossed.pose
-    turned_round = replace(crossed, pose=(x, y, yaw + np.pi))
-    assert "max_vel_trans (0.08) is below" in explain(replay, turned_round).words
+    turned_round = turned_by(crossed, np.pi)
+    assert "max_vel_trans (0.08) is below" in explained_in(replay, turned_round).words
 
     # At full speed, the planner would have to brake.
     lowered = Change(replay.planner.name, "max_vel_trans", 0.26, 0.15)
     at_speed = replace(replay.cycles[10], twist=(0.26, 0.0))
     too_fast = replace(at_speed, settings=at_speed.settings.with_(lowered))
-    assert "is above max_vel_trans (0.15)" in explain(replay, too_fast).lines[-1]
+    assert "is above max_vel_trans (0.15)" in explained_in(replay, too_fast).lines[-1]
 
     # All flags of the oscillation critic set: no direction is left.
     last_cycle = replay.cycles[-1]
     all_flags_set = Memory([1.0] * len(last_cycle.memory.flags))
     oscillates = replace(last_cycle, memory=all_flags_set)
-    last_line = explain(replay, oscillates).lines[-1]
+    last_line = explained_in(replay, oscillates).lines[-1]
     assert last_line.endswith(
         "is barred after a change of direction, until the robot has moved by 0.05 m "
         "(oscillation_reset_dist) or turned by 0.2 rad (oscillation_reset_angle)."
@@ -380,10 +369,11 @@ def test_a_wait_at_the_goal_is_explained_by_the_tolerances_and_another_event_is_
 
 
 def test_the_slow_cycles_of_an_event_stand_for_it(monkeypatch):
-    def explain_speed(replay, cycle):
+    def explain_speed(cycle):
         return Explanation(cycle.at, cycle.pose, words=f"{cycle.command[0]} m/s were wanted")
 
     monkeypatch.setattr(diagnosis, "explain", explain_speed)
+    monkeypatch.setattr(Replay, "at", lambda replay, cycle: cycle)
     # Every other command is fast.
     cycles = []
     for row in range(60):
@@ -421,8 +411,8 @@ def test_a_place_beside_the_robot_is_said_in_positive_numbers():
     assert beside(-0.5, -0.2) == "0.50 m behind and 0.20 m to the right"
 
 
-def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
-    diagnosed = diagnose(driven_with_post(0.5, 0.0))
+def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(with_part):
+    diagnosed = diagnose(with_part)
     first_line = answer_of(diagnosed).first_line
     position = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
     assert re.search(rf", because the laser sees a part of the robot, {position}", first_line)

@@ -43,10 +43,12 @@ def test_without_limits_of_its_planner_a_drive_is_measured_by_its_fastest_speed(
     by_its_files = limits(planner=PLANNER)
     assert (by_its_files.speed == 0.5).all()
     assert (by_its_files.turn == 1.57).all()
+    assert by_its_files.period_at(0.0) == 0.05
     # The values in the Jackal's files are those of another planner.
     unknown = limits()
     assert (unknown.speed == 0.3).all()
     assert (unknown.turn == 1.0).all()
+    assert unknown.period_at(0.0) == 0.0
 
 
 def test_limits_hold_from_their_change_on_under_any_of_their_names():

@@ -10,7 +10,6 @@ from applr_ros1.drives.drive import Plans
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from applr_ros1.why import alternatives, factors
 from applr_ros1.why import replay as replay_module
 from applr_ros1.why.moment import Memory
 from applr_ros1.why.recording import Recording
@@ -44,14 +43,6 @@ def delayed(motion):
     pose = np.concatenate([motion.pose[:1], motion.pose[:-1]])
     twist = np.concatenate([motion.twist[:1], motion.twist[:-1]])
     return replace(motion, pose=pose, twist=twist)
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Return an empty folder, and let the command try little, so that it is fast."""
-    monkeypatch.setattr(alternatives, "CYCLES", 2)
-    monkeypatch.setattr(factors, "FACTORS", ())
-    return tmp_path
 
 
 def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(
@@ -104,14 +95,10 @@ def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     assert all(cycle.error < np.inf for cycle in replay.cycles)
 
 
-def test_a_drive_that_is_not_reproduced_soon_gets_the_likely_messages_alone_and_says_so(
-    spoilt, monkeypatch
-):
+def test_a_drive_that_is_not_reproduced_soon_gets_the_likely_messages_alone(spoilt, monkeypatch):
     """Otherwise each of its commands would cost hundreds of the planner's cycles."""
     _, driven = spoilt
     beginning = until(driven, 1.5)
-    patient_replay = replayed(JACKAL, beginning)
-    assert patient_replay.cut_short == 0
 
     monkeypatch.setattr(replay_module, "HEAD_START", 100)
     monkeypatch.setattr(replay_module, "PATIENCE", 5)
@@ -126,9 +113,6 @@ def test_a_drive_that_is_not_reproduced_soon_gets_the_likely_messages_alone_and_
     assert cycle_count > 20
     # One command costs 8 updates of 30 states each. All others together have 30 states each.
     assert len(answers) < 240 + 30 * cycle_count
-    assert hasty_replay.cut_short > 0.8 * cycle_count
-    words = f"; {hasty_replay.cut_short} of them were compared with the likely messages alone"
-    assert words in str(hasty_replay)
 
 
 def test_a_choice_is_tried_once(spoilt, monkeypatch):
@@ -298,7 +282,7 @@ def test_what_the_planner_said_is_the_same_in_any_order(robot):
         assert values[:2] == pytest.approx(cycle.command)
 
 
-def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
+def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt):
     robot, driven = spoilt
     fifty_commands = driven.planned.part(slice(100, 150))
     part = replace(driven, planned=fifty_commands)
@@ -306,12 +290,6 @@ def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
     assert len(replay.cycles) == 50
     # The first cycles lack the costmap that the robot had built up before.
     assert replay.share > 0.5
-
-    # A command without a plan of its time is no cycle of the local planner.
-    fewer_plans = replace(part, plans=without_rows(driven.plans, 110, 120))
-    replay_with_gap = replayed(robot, fewer_plans)
-    assert len(replay_with_gap.cycles) == 40
-    assert replay_with_gap.cycles[15].reproduced
 
 
 def test_reproduced_cycles_are_preferred(replay):

@@ -17,7 +17,7 @@ from applr_ros1.why.answer import GUESSED, REPLAYED, answer_of
 from applr_ros1.why.costmap_sources import sources_in
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.fitting import followed_routes
-from applr_ros1.why.limits import changes_of, control_period
+from applr_ros1.why.limits import changes_of, limits_of
 from tests.support.planted_drives import CAUSES, SITUATIONS, planted, said_of
 from tests.support.seeds import examples
 
@@ -67,8 +67,9 @@ def test_updates_of_move_base_itself_and_of_older_nodes_count(sound):
     drive = replace(sound.drive, changes=changes)
     (_, _, values), _ = changes_of(drive, JACKAL)
     assert values == {"max_vel_theta": 0.4, "min_vel_trans": 0.2}
-    assert control_period(drive, JACKAL, 1.9) == 0.05
-    assert control_period(drive, JACKAL, 2.0) == 0.25
+    limits = limits_of(drive, drive.odometry, JACKAL, {})
+    assert limits.period_at(1.9) == 0.05
+    assert limits.period_at(2.0) == 0.25
 
 
 def test_what_the_local_costmap_sees_beside_its_first_laser_is_known():
@@ -103,3 +104,13 @@ def test_a_reason_of_a_replay_that_explains_little_of_the_event_is_a_guess(repla
     assert ", perhaps because " in answer.first_line
     assert "; 0% in this event; only 0% of" in answer.certainty
     assert answer.message()["confidence"] == GUESSED
+
+
+@pytest.mark.parametrize(("share", "confidence"), [(0.4, GUESSED), (0.6, REPLAYED)])
+def test_a_reason_of_a_replay_that_has_a_plan_for_little_of_the_event_is_a_guess(
+    replay, share, confidence
+):
+    told = diagnose(replay).told
+    planned_from = told.end - share * told.seconds
+    cycles = [cycle for cycle in replay.cycles if cycle.at >= planned_from]
+    assert answer_of(diagnose(replace(replay, cycles=cycles))).confidence == confidence

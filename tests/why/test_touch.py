@@ -10,7 +10,7 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.common.angles import compose
 from applr_ros1.why.answer import answer_of
-from applr_ros1.why.diagnosis import Diagnosis
+from applr_ros1.why.diagnosis import Diagnosis, diagnose
 from applr_ros1.why.recording import Recording
 from applr_ros1.why.touch import touch_of
 from tests.support.drives import simulated
@@ -71,9 +71,9 @@ def test_a_contact_where_nothing_moves_says_so_and_without_one_there_is_no_touch
     assert touch_of(untouched) is None
 
 
-def test_the_answer_begins_with_the_touch(recording):
-    touch = touch_of(recording)
-    diagnosis = Diagnosis.of(replayed(JACKAL, recording.drive), [], touch=touch)
-    answer = answer_of(diagnosis)
-    assert answer.first_line.startswith(f"{touch} The robot did not stop")
-    assert answer.happened.startswith(str(touch))
+def test_the_answer_begins_with_the_touch_unless_somebody_asks_about_a_moment(recording):
+    words = str(touch_of(recording))
+    replay = replayed(JACKAL, recording.drive)
+    answer = answer_of(Diagnosis.of(replay, []))
+    assert answer.first_line.startswith(f"{words} The robot did not stop")
+    assert words not in answer_of(diagnose(replay, at=1.0)).first_line

@@ -145,16 +145,25 @@ def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
     assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))
 
 
-@pytest.mark.parametrize("number", range(6))
-def test_movers_cross_the_room_at_the_pace_of_their_kind(number):
-    world = worlds.load(f"dynamic:{number}")
-    reloaded = worlds.load(f"dynamic:{number}")
-    assert reloaded.movers == world.movers
-
-    kind = number % 3
-    slowest, fastest = dynabarn.SPEEDS_M_S[kind]
-    fewest, most = dynabarn.MOVER_COUNTS[kind]
+@pytest.mark.parametrize(
+    ("room", "speeds", "counts", "who_looks"),
+    [
+        ("dynamic:0", (0.3, 0.95), (6, 12), [False, False, False]),
+        ("dynamic:4", (0.8, 1.5), (8, 18), [False, False, False]),
+        ("dynamic:5", (1.4, 1.95), (10, 24), [False, False, False]),
+        # One of three looks at a telephone.
+        ("people:0", (0.5, 1.5), (8, 18), [False, True, True]),
+        ("people:1", (0.5, 1.5), (8, 18), [False, True, True]),
+    ],
+)
+def test_movers_cross_the_room_at_the_pace_of_their_kind(room, speeds, counts, who_looks):
+    world = worlds.load(room)
+    assert worlds.load(room).movers == world.movers
+    fewest, most = counts
+    slowest, fastest = speeds
     assert fewest <= len(world.movers) <= most
+    looks = [mover.looks for mover in world.movers]
+    assert looks == (most * who_looks)[: len(looks)]
     for mover in world.movers:
         key_frames = np.array(mover.waypoints)
         times = key_frames[:, 0]

@@ -90,6 +90,7 @@ def test_a_room_with_moving_obstacles_is_never_enlarged():
         ("fresh:3", True),
         ("physical_course", True),
         ("dynamic:0", False),
+        ("people:0", False),
     ):
         world = worlds.load(spec)
         assert (worlds.scaled(world, 1.3) is not world) == is_enlarged, spec
@@ -106,8 +107,8 @@ def test_the_distance_to_a_moving_obstacle_is_that_at_the_given_time():
     world = small_world(cylinders=[(2.0, 9.0, 0.5)], movers=[mover])
     points = np.array([(2.0, 1.5), (0.0, 1.5)])
 
-    at_start = clearance(world, points)
-    halfway = clearance(world, points, 2.0)
+    at_start = clearance(world, points, world.mover_circles(0.0))
+    halfway = clearance(world, points, world.mover_circles(2.0))
 
     # It has the first point beside it at one time, and the second one at the other.
     assert at_start == pytest.approx([2.5 - 0.5, 1.5 - 0.5])

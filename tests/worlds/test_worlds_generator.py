@@ -135,13 +135,13 @@ def test_fresh_and_dynamic_worlds_stay_as_they_were_drawn():
     """Policies and sets were chosen and judged in these worlds."""
     cylinder_counts = [len(world.cylinders) for world in worlds.Worlds("fresh:0-4")]
     assert cylinder_counts == [191, 206, 212, 223, 216]
-    rooms = list(worlds.Worlds("dynamic:0-2,dynamic:50"))
-    assert [len(room.movers) for room in rooms] == [10, 15, 22, 13]
+    rooms = list(worlds.Worlds("dynamic:0-2,dynamic:50,people:0"))
+    assert [len(room.movers) for room in rooms] == [10, 15, 22, 13, 16]
     # Radius and speeds of a mover are drawn after its path.
     radii = [room.movers[0].radius for room in rooms]
-    assert radii == pytest.approx([0.46698, 0.39327, 0.43149, 0.28571], abs=1e-5)
+    assert radii == pytest.approx([0.46698, 0.39327, 0.43149, 0.28571, 0.39353], abs=1e-5)
     durations = [room.movers[0].length for room in rooms]
-    assert durations == pytest.approx([34.7267, 24.3593, 9.7592, 24.4157], abs=1e-4)
+    assert durations == pytest.approx([34.7267, 24.3593, 9.7592, 24.4157, 36.8989], abs=1e-4)
 
 
 def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):

@@ -12,9 +12,10 @@ from typing import Any, Dict, NamedTuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import nearest_rows
 from applr_ros1.drives.clocks import scans_apart
 from applr_ros1.drives.columns import TopicNames, topic_of
-from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, nearest_rows
+from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.stack.simulated import CONTROL_PERIOD

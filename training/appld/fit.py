@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import List, NamedTuple, Sequence
+from typing import List, Sequence
 
 import numpy as np
 
@@ -51,9 +51,6 @@ class ContextFit:
         theta: (n,) best parameters.
         loss: Mean weighted squared error of the commands with the best parameters.
         loss_theta0: Mean weighted squared error with the default parameters.
-        rms_v_w: Root mean square errors of the commands (v, w) with the best parameters [m/s,
-            rad/s].
-        rms_v_w_theta0: Root mean square errors with the default parameters [m/s, rad/s].
         replays: Number of evaluated parameter sets.
         instants: Number of instants in which each parameter set was replayed.
     """
@@ -61,8 +58,6 @@ class ContextFit:
     theta: np.ndarray
     loss: float
     loss_theta0: float
-    rms_v_w: List[float]
-    rms_v_w_theta0: List[float]
     replays: int
     instants: int
 
@@ -135,26 +130,16 @@ def replay(stretch: DemonstrationStretch, theta: np.ndarray) -> np.ndarray:
     return np.asarray(errors[is_counted])
 
 
-class Loss(NamedTuple):
-    """Loss of a parameter set.
+def loss(parts: Sequence[DemonstrationStretch], theta: np.ndarray) -> float:
+    """Return the loss of a parameter set (n,) over all stretches of a context.
 
-    Attributes:
-        value: Mean weighted squared error of the commands.
-        rms_v_w: Root mean square errors of the commands (v, w) [m/s, rad/s].
+    It is the mean weighted squared error of the commands.
     """
-
-    value: float
-    rms_v_w: List[float]
-
-
-def loss(parts: Sequence[DemonstrationStretch], theta: np.ndarray) -> Loss:
-    """Return the loss of a parameter set (n,) over all stretches of a context."""
     errors = np.concatenate([replay(stretch, theta) for stretch in parts])
     if not len(errors):
-        return Loss(0.0, [0.0, 0.0])
+        return 0.0
     v_square, w_square = (errors**2).mean(axis=0)
-    rms_errors = np.sqrt([v_square, w_square]).round(4)
-    return Loss(float(v_square + TURN_WEIGHT * w_square), rms_errors.tolist())
+    return float(v_square + TURN_WEIGHT * w_square)
 
 
 def fit(parts: Sequence[DemonstrationStretch], seed: int) -> ContextFit:
@@ -172,10 +157,8 @@ def fit(parts: Sequence[DemonstrationStretch], seed: int) -> ContextFit:
     default_loss = loss(parts, theta0)
     best_fit = ContextFit(
         theta=theta0.copy(),
-        loss=default_loss.value,
-        loss_theta0=default_loss.value,
-        rms_v_w=default_loss.rms_v_w,
-        rms_v_w_theta0=default_loss.rms_v_w,
+        loss=default_loss,
+        loss_theta0=default_loss,
         replays=1,
         instants=sum(stretch.last - stretch.first for stretch in parts),
     )
@@ -189,11 +172,10 @@ def fit(parts: Sequence[DemonstrationStretch], seed: int) -> ContextFit:
             candidate_loss = loss(parts, theta)
             # Sets that drive alike are kept near the defaults.
             distance = float(np.mean((candidate - default_action) ** 2))
-            penalised_losses.append(candidate_loss.value + PULL * distance)
-            if candidate_loss.value < best_fit.loss:
+            penalised_losses.append(candidate_loss + PULL * distance)
+            if candidate_loss < best_fit.loss:
                 best_fit.theta = theta
-                best_fit.loss = candidate_loss.value
-                best_fit.rms_v_w = candidate_loss.rms_v_w
+                best_fit.loss = candidate_loss
         strategy.tell(candidates, penalised_losses)
         best_fit.replays += len(candidates)
     return best_fit

@@ -25,7 +25,7 @@ from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, STATIC_SOU
 from applr_ros1.planner.parameters.layers import section_in_files
 from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges
 from applr_ros1.planner.parameters.parameter import by_name
-from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.parameters.settings import Change, in_words
 from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import Space
@@ -64,11 +64,14 @@ class Candidate(NamedTuple):
 
     Attributes:
         changes: The changes; the first one names the candidate.
-        words: Words for people, if they are not those of the changes.
+        words: Words for people with an arrow, if they are not those of the changes.
+        replaces_unusual: Whether they put a usual value in place of an unusual one, which may be
+            the cause of a failure.
     """
 
     changes: Tuple[Change, ...]
     words: str = ""
+    replaces_unusual: bool = False
 
     @override
     def __str__(self) -> str:
@@ -80,6 +83,14 @@ class Candidate(NamedTuple):
         if len(distinct) < len(self.changes) and "costmap" in self.changes[-1].server:
             words += " in both costmaps"
         return words
+
+    @property
+    def before(self) -> str:
+        """What is replaced, for people."""
+        if self.words:
+            return self.words.partition(" -> ")[0]
+        named = [f"{change.name} {in_words(change.before)}" for change in self.changes]
+        return ", ".join(dict.fromkeys(named))
 
     @property
     def departure(self) -> float:
@@ -218,7 +229,7 @@ class CandidateList(NamedTuple):
     """What else could be set in a robot, in the order of the attempts.
 
     Attributes:
-        unusual: Usual values in place of unusual ones, which may be the cause of a failure.
+        unusual: Usual values in place of unusual ones.
         others: Other values in place of usual ones, which may make up for the cause.
     """
 
@@ -248,16 +259,17 @@ def candidates_of(robot: Robot) -> CandidateList:
     unusual = [rated.candidate for rated in _sorted(rated_candidates) if rated.departure >= UNUSUAL]
     others = [
         *(rated.candidate for rated in weights),
-        *_factored(places, [places.by_name[name] for name in FREQUENT]),
+        *_factored(places, usual_values, [places.by_name[name] for name in FREQUENT]),
         *_escape(places),
         *(rated.candidate for rated in usual_instead),
-        *_factored(places, places.groups),
+        *_factored(places, usual_values, places.groups),
     ]
     # Several rules may ask for the same change, and for the value in force.
     tried = {Candidate(())}
     for listed in (unusual, others):
         listed[:] = [candidate for candidate in dict.fromkeys(listed) if candidate not in tried]
         tried.update(listed)
+    unusual = [candidate._replace(replaces_unusual=True) for candidate in unusual]
     return CandidateList(unusual, others)
 
 
@@ -300,10 +312,14 @@ def _weights_of_robots(places: GroupedPlaces, usual_values: UsualValues) -> List
     return [Rated(min(departures), candidate) for candidate in candidates]
 
 
-def _factored(places: GroupedPlaces, groups: Iterable[PlaceGroup]) -> Iterator[Candidate]:
-    """Yield other values of parameters, whether they are usual or not."""
+def _factored(
+    places: GroupedPlaces, usual_values: UsualValues, groups: Iterable[PlaceGroup]
+) -> Iterator[Candidate]:
+    """Yield other values in place of usual ones. Unusual ones get usual values alone."""
     for group in groups:
         first = group[0]
+        if usual_values.departure(first) >= UNUSUAL:
+            continue
         for value in values_to_try(first.declared, first.value):
             yield Candidate(places.changed(group, value))
 
@@ -379,7 +395,9 @@ def _windows(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
         changes.append(Change("local_costmap", side, size, 2 * size))
     # A smaller window than this lacks obstacles that the laser layers would take up.
     usual_size = 2.0 * CPP_OBSTACLE_RANGE_M * robot.world_scale
-    yield _rated(usual_size / max(min(sizes), 0.1), changes)
+    width, height = sizes
+    change_in_words = f"local costmap {width:g} x {height:g} -> {2 * width:g} x {2 * height:g} m"
+    yield _rated(usual_size / max(min(sizes), 0.1), changes, change_in_words)
 
 
 def _limits(planner: str, tree: Dict[str, Any]) -> Iterator[Rated]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import defaultdict
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from applr_ros1.robots import Robot
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from training.attempts.candidates import Candidate, mildest_first, with_changes
-from training.attempts.verdict import clearly_worse
+from training.attempts.verdict import clearly_worse, corrected
 from training.workers.calls import CallFailed, CallLost
 from training.workers.pool import Pool
 from worlds import World
@@ -36,8 +37,11 @@ from worlds import World
 _LOGGER = logging.getLogger(__name__)
 POLICY = "applr"  # the robot's policy
 CHOOSING = 1, 2  # seeds that choose a candidate
-# Seeds that judge the chosen one: as many as a test needs if one drive fails with both values
-CONFIRMING = 3, 4, 5, 6, 7, 8
+# Seeds that judge the chosen one
+CONFIRMING = range(3, 15)
+# Numbers of them with which it is judged: with all if it is better with the first ones, but not
+# clearly, as where a sound robot fails, too, in every other drive
+LOOKS = 6, 12
 RECORDED = Candidate((), "recorded values")  # what candidates are compared with
 ROUND = 3  # number of candidates that drive before the best of them sets the time for others
 CHOSEN = 3  # number of candidates that drive with more than one seed
@@ -217,12 +221,9 @@ def drive_once(
     if changes:
         robot = with_changes(robot, changes, robot.name)
     limit = min(conditions.limit, float(np.ceil(to_beat)))
-    stack = Stack(
-        robot,
-        MoveBase(robot.driven_parameters(), planner=CPP_LIKE, seed=seed),
-        monitor=conditions.has_monitor,
-        escapes=conditions.has_monitor,
-    )
+    move_base = MoveBase(robot.driven_parameters(), planner=CPP_LIKE, seed=seed)
+    has_monitor = conditions.has_monitor
+    stack = Stack(robot, move_base, monitor=has_monitor, escapes=has_monitor)
     simulator = sim_bridge.make("kinematic", robot=robot, **RANDOM)
     rules = Rules(
         end_on_contact=True,
@@ -231,11 +232,11 @@ def drive_once(
     )
     pilot = None
     if conditions.policy_decides:
-        pilot = Pilot(methods.make(POLICY, robot), robot)
+        policy = methods.make(POLICY, robot)
+        pilot = Pilot(policy, robot)
     # Without a pilot the values in the files stay, even outside the ranges of robot.yaml.
-    driven = simulate.drive(
-        SimulatedRobot(simulator, stack), conditions.world, seed, pilot, rules=rules
-    )
+    simulated = SimulatedRobot(simulator, stack)
+    driven = simulate.drive(simulated, conditions.world, seed, pilot, rules=rules)
     truth = driven.require(Driven).truth
     goal = driven.goals[-1]
     success = bool(arrived_cleanly(goal.status == REACHED, len(driven.contacts)))
@@ -259,6 +260,11 @@ def course_in(conditions: DriveConditions, pool: Pool) -> DrivenCourse:
     return DrivenCourse(conditions.robot, conditions.policy_decides, begin)
 
 
+def drive_recorded(courses: Sequence[DrivenCourse]) -> Tried:
+    """Drive with the recorded values, with the seeds that choose, on all courses."""
+    return Tried(RECORDED, _drive(courses, [RECORDED], _runs(courses, CHOOSING))[RECORDED])
+
+
 def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) -> WholeDriveTrials:
     """Drive with the recorded values and with candidates, each on all courses.
 
@@ -268,7 +274,7 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
     """
     is_single = len(courses) == 1
     choosing_runs = _runs(courses, CHOOSING)
-    recorded = Tried(RECORDED, _drive(courses, [RECORDED], choosing_runs)[RECORDED])
+    recorded = drive_recorded(courses)
     to_beat = {}
     for run, arrival in zip(choosing_runs, recorded.drives):
         to_beat[run] = arrival.seconds if is_single else BEHIND * arrival.seconds
@@ -297,18 +303,30 @@ def try_out(courses: Sequence[DrivenCourse], candidates: Sequence[Candidate]) ->
             finalists.append(entry)
 
     # The best of several looks better than it is, so that other seeds judge it.
-    confirming: Drives = {}
+    confirming: Drives = defaultdict(list)
+
+    def confirmed(candidate: Candidate, seed_count: int) -> Tried:
+        """Return drives of a candidate with some of the seeds that judge, none driven twice."""
+        runs = _runs(courses, CONFIRMING[:seed_count])
+        drives = confirming[candidate]
+        drives += _drive(courses, [candidate], runs[len(drives) :])[candidate]
+        return Tried(candidate, drives[: len(runs)])
+
     judged = []
     remedy = None
     for candidate in _preferred(finalists, courses[0].robot)[:JUDGED]:
-        # The recorded values drive once, with the first candidate that is judged.
-        undriven = [entry for entry in (candidate, RECORDED) if entry not in confirming]
-        confirming.update(_drive(courses, undriven, _runs(courses, CONFIRMING)))
-        recorded = Tried(RECORDED, confirming[RECORDED])
-        entry = Tried(candidate, confirming[candidate])
+        for seed_count in LOOKS:
+            recorded = confirmed(RECORDED, seed_count)
+            entry = confirmed(candidate, seed_count)
+            if not _helps(entry, recorded, len(courses)):
+                break
+            # One lucky drive can make a mean better by a tenth.
+            level = corrected(len(LOOKS))
+            if clearly_worse(_seconds(recorded.drives), _seconds(entry.drives), level):
+                remedy = entry
+                break
         judged.append(entry)
-        if is_remedy(entry, recorded, len(courses)):
-            remedy = entry
+        if remedy:
             break
     policy_decided = any(course.policy_decides for course in courses)
     return WholeDriveTrials(recorded, remedy, tried, judged, policy_decided, len(courses))
@@ -360,17 +378,10 @@ def _drive(
             reason = "its worker died" if isinstance(failure, CallLost) else "move_base refuses it"
             _LOGGER.info("%s: left out, %s", candidate, reason)
         else:
-            _LOGGER.info("%s: %.1f s%s", candidate, arrival.seconds, _end_of(arrival))
+            _LOGGER.info("%s: %s", candidate, Tried(candidate, [arrival]))
             if candidate in drives:
                 drives[candidate].append(arrival)
     return drives
-
-
-def _end_of(arrival: Arrival) -> str:
-    """Return how a drive ended, for the log; "" if it arrived."""
-    if arrival.is_slow:
-        return ", broken off"
-    return "" if arrival.success else ", failed"
 
 
 def _ranked(drives: Drives) -> List[Candidate]:
@@ -396,8 +407,8 @@ def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     return [tried.candidate for tried in sorted(finalists, key=key)]
 
 
-def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:
-    """Return whether a candidate is clearly better on all courses together, and on none worse.
+def _helps(tried: Tried, recorded: Tried, course_count: int) -> bool:
+    """Return whether a candidate is better on all courses together, and on none worse.
 
     Args:
         tried: Drives of the candidate with the seeds that judge.
@@ -405,9 +416,6 @@ def is_remedy(tried: Tried, recorded: Tried, course_count: int) -> bool:
         course_count: Number of courses.
     """
     if not _is_better(tried, recorded):
-        return False
-    # One lucky drive can make a mean better by a tenth.
-    if not clearly_worse(_seconds(recorded.drives), _seconds(tried.drives)):
         return False
     for number in range(course_count):
         there = tried.on_course(number, course_count)

@@ -71,12 +71,12 @@ class Comparison(NamedTuple):
         return self.difference.value < 0.0 and self.p < level
 
 
-def corrected(rival_count: int) -> float:
-    """Return the significance level for each of several rivals, by Bonferroni's correction.
+def corrected(test_count: int) -> float:
+    """Return the significance level for each of several tests, by Bonferroni's correction.
 
-    Each is another chance to be better by luck.
+    Each rival, and each look at more drives, is another chance to be better by luck.
     """
-    return LEVEL / max(rival_count, 1)
+    return LEVEL / max(test_count, 1)
 
 
 def compare(scores: ArrayLike, others: ArrayLike) -> Comparison:
@@ -116,9 +116,9 @@ def exchanged(difference: np.ndarray, alternative: str = "two-sided") -> float:
     return float(test.pvalue)
 
 
-def clearly_worse(costs: np.ndarray, best: np.ndarray) -> bool:
+def clearly_worse(costs: np.ndarray, best: np.ndarray, level: float = LEVEL) -> bool:
     """Return whether costs (n,) are significantly larger than the best costs of the same trials."""
-    return exchanged(costs - best, "greater") < LEVEL
+    return exchanged(costs - best, "greater") < level
 
 
 def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estimate:

@@ -13,6 +13,7 @@ from typing import List
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.paths import distances, points_at, step_lengths
 from applr_ros1.drives.simulate import CourseDrive
 from applr_ros1.planner.variant import CPP_LIKE
@@ -58,7 +59,10 @@ def privileged(drive: CourseDrive, scale: float) -> np.ndarray:
 
     # The global plan: its clearance, and how far it is wide enough for the robot
     along_plan = _along(_true_plan(drive), width)
-    plan_clearance = clearance(world, along_plan, state.time)
+    passers_by = drive.simulated.simulator.passers_by
+    circles = passers_by.circles(state.time)
+    later_circles = passers_by.circles(state.time + 1.0 / POSITIONS_HZ)
+    plan_clearance = clearance(world, along_plan, circles)
     blocked_points = np.flatnonzero(plan_clearance < 0.5 * drive.simulated.robot.body.size[1])
     free_length = STATIONS[-1]
     if len(blocked_points):
@@ -72,7 +76,7 @@ def privileged(drive: CourseDrive, scale: float) -> np.ndarray:
     route_left = route[nearest:]
     length_left = step_lengths(route_left).sum() / width
     along_route = _along(route_left, width)
-    route_clearance = clearance(world, along_route, state.time)
+    route_clearance = clearance(world, along_route, circles)
     last_point = len(along_route) - 1
     points_ahead = [min(last_point, round(distance / STEP)) for distance in AHEAD]
     dx, dy = (along_route[points_ahead] - position).T
@@ -80,7 +84,7 @@ def privileged(drive: CourseDrive, scale: float) -> np.ndarray:
 
     farthest = FAR * width
     # Place and velocity of one moving obstacle after the other
-    mover_x, mover_y, mover_vx, mover_vy = _movers(drive, state.pose, state.time).T
+    mover_x, mover_y, mover_vx, mover_vy = _movers(state.pose, circles, later_circles).T
     lateral = np.column_stack([mover_y / farthest, mover_vy / FAST])
     forward = np.column_stack([mover_x / farthest, mover_vx / FAST])
     inputs: List[float] = [
@@ -160,14 +164,17 @@ def _clearances(clearances: np.ndarray, width: float) -> List[float]:
     return inputs
 
 
-def _movers(drive: CourseDrive, pose: Pose, time: float) -> np.ndarray:
+def _movers(pose: Pose, circles: Array, later_circles: Array) -> np.ndarray:
     """Return the MOVERS nearest moving obstacles (MOVERS, 4): x, y [m], vx, vy [m/s].
 
     They are in the robot's frame. Missing ones are far ahead.
+
+    Args:
+        pose: Pose of the robot in the world frame.
+        circles: Their circles (k, 3) x, y, radius [m] now.
+        later_circles: The same 1 / POSITIONS_HZ later.
     """
     to_robot = inverse(pose)
-    circles = drive.world.mover_circles(time)
-    later_circles = drive.world.mover_circles(time + 1.0 / POSITIONS_HZ)
     x, y = transform_point(to_robot, circles[:, 0], circles[:, 1])
     later_x, later_y = transform_point(to_robot, later_circles[:, 0], later_circles[:, 1])
     vx = POSITIONS_HZ * (later_x - x)

@@ -42,7 +42,8 @@ class DriveSettings(Options):
 
     # fmt: off
     robot: AnyRobot
-    simulator: SimulatorName = "kinematic"
+    simulator: SimulatorName = option("kinematic",
+        "Simulator to drive in; evaluations of a training drive in pybullet.")
     protocol: Literal["paper", "barn-challenge", "drawn"] = option(PAPER,
         "Course and rules of a drive. paper: the paper's course; a contact does not end the "
         "drive. barn-challenge: the BARN Challenge's course of 10 m; a contact ends the drive. "

@@ -85,8 +85,7 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
     began = time.monotonic()
     worlds = world_list(options.worlds, options.protocol, options.robot)
     chosen = methods.parse(options.methods)
-    names = [world[:2] for world in worlds]
-    plan = plan_trials(names, chosen, options.trials, options.seed, options.traces)
+    plan = plan_trials(worlds, chosen, options.trials, options.seed, options.traces)
     common = {*DriveSettings.model_fields, "loaded"}
     runner = partial(run, TrialSettings(**options.model_dump(include=common)))
 

@@ -102,7 +102,7 @@ def seed_of(base: int, world: str, trial: int) -> int:
 
 
 def plan_trials(
-    worlds: Sequence[Tuple[str, str]],
+    worlds: Sequence[Tuple[Any, ...]],
     chosen: Sequence[Tuple[str, str]],
     trials: int,
     seed: int,
@@ -115,14 +115,15 @@ def plan_trials(
     rows.
 
     Args:
-        worlds: [(name, specification), ...] of the worlds.
+        worlds: [(name, specification, ...), ...] of the worlds.
         chosen: [(name, specification), ...] of the methods.
         trials: Number of trials per method and world.
         seed: Base seed of all trials.
         traces: Number of trials per method and world whose driven path is kept.
     """
     planned = []
-    for trial, (world, world_spec), (method, method_spec) in product(range(trials), worlds, chosen):
+    for trial, named_world, (method, method_spec) in product(range(trials), worlds, chosen):
+        world, world_spec = named_world[:2]
         drawn_seed = seed_of(seed, world, trial)
         planned.append(
             Trial(world, method, trial, drawn_seed, world_spec, method_spec, trial < traces)

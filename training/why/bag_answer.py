@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple, Optional
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.drives.frames import Tree
+from applr_ros1.drives.frames import FrameTree
 from applr_ros1.drives.places import route_frame
 from applr_ros1.why.answer import Answer, answer_of
 from applr_ros1.why.diagnosis import diagnose
@@ -77,7 +77,7 @@ def placed_frame(recording: Recording, event: Optional[Event]) -> PlacedFrame:
     route_frames = drive.frames.get("routes")
     if drive.routes is None or not route_frames or not _is_shared(route_frames[0], recording):
         return PlacedFrame(drive.frame, False, own_frame)
-    placed_routes = route_frame(drive, Tree(drive.transforms), recording.planned)
+    placed_routes = route_frame(drive, FrameTree(drive.transforms), recording.planned)
     if placed_routes is None:
         return PlacedFrame(drive.frame, False, own_frame)
     row = -1

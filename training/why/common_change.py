@@ -21,10 +21,11 @@ from training.attempts.trials import (
     DrivenCourse,
     WholeDriveTrials,
     course_in,
+    drive_recorded,
     try_out,
 )
 from training.why.bag_answer import answer_to
-from training.why.driven import arrival_from, values_of_arrival
+from training.why.driven import NOT_AS_FAR, arrival_from, comes_as_far, values_of_arrival
 from training.why.logbook import Logbook
 from training.why.logged_bag import LoggedBag, key_of_drive
 from training.why.recorded import BagAnswerOptions, with_description
@@ -74,10 +75,10 @@ class CommonChange:
 def change_for(
     logbook: Logbook, options: BagAnswerOptions, pool: Pool, driven: Callable[[], Any]
 ) -> Optional[CommonChange]:
-    """Return what was driven for a logbook; None if there is nothing to drive.
+    """Return what was driven for a logbook; None if there is nothing to drive, or no world counts.
 
     Args:
-        logbook: The logbook.
+        logbook: The logbook, which gets a note about each bag whose seen world does not count.
         options: Robot and topics of bags that do not describe them.
         pool: Workers that drive.
         driven: Called after each drive.
@@ -89,7 +90,18 @@ def change_for(
     robot = with_description(bags[0].path, options).robot
     courses = [KeptCourse(bag, robot, options, pool, driven) for bag in bags]
     try:
-        trials = try_out([kept.course for kept in courses], merged(bags))
+        recorded = drive_recorded([kept.course for kept in courses])
+        usable: List[KeptCourse] = []
+        for number, kept in enumerate(courses):
+            if comes_as_far(recorded.on_course(number, len(courses)), kept.bag.answer):
+                usable.append(kept)
+            else:
+                problem = f"simulated with the recorded values, the robot {NOT_AS_FAR}"
+                logbook.notes.append(f"{kept.bag.path}: {problem}")
+        if not usable:
+            return None
+        bags = [kept.bag for kept in usable]
+        trials = try_out([kept.course for kept in usable], merged(bags))
     finally:
         # Also after Ctrl-C
         for kept in courses:
@@ -136,7 +148,7 @@ class KeptCourse:
         driven: Callable[[], Any],
     ):
         self.course = DrivenCourse(robot, bag.answer.policy_decides, self._begin)
-        self._bag = bag
+        self.bag = bag
         self._options = options
         self._pool = pool
         self._driven = driven
@@ -146,13 +158,13 @@ class KeptCourse:
     def save(self) -> None:
         """Write the drives that were made since the last saving."""
         if self._is_changed:
-            self._bag.save()
+            self.bag.save()
         self._is_changed = False
         self._saved_at = monotonic()
 
     def _begin(self, changes: Sequence[Change], seed: int, to_beat: float) -> Callable[[], Arrival]:
         key = key_of_drive(changes, seed, to_beat)
-        drives = self._bag.answer.drives
+        drives = self.bag.answer.drives
         if key in drives:
             return lambda: arrival_from(drives[key])
         arrival_of = self._course_in_pool().begin(changes, seed, to_beat)
@@ -165,7 +177,7 @@ class KeptCourse:
             except CallFailed as refusal:
                 if not changes:
                     problem = "the recorded values cannot be driven in simulation"
-                    raise ApplrError(f"{self._bag.path}: {problem}: {refusal}") from None
+                    raise ApplrError(f"{self.bag.path}: {problem}: {refusal}") from None
                 drives[key] = None
             self._is_changed = True
             if monotonic() - self._saved_at > SAVED_S:
@@ -177,12 +189,11 @@ class KeptCourse:
 
     def _course_in_pool(self) -> DrivenCourse:
         """Return the course on which the workers drive. It is not kept, but made from the bag."""
-        if self._bag.conditions is None:
+        if self.bag.conditions is None:
             try:
-                answered = self._pool.submit(answer_to, self._bag.path, self._options).result()
+                answered = self._pool.submit(answer_to, self.bag.path, self._options).result()
             except CallFailed as failure:
-                raise ApplrError(f"{self._bag.path}: {failure}") from None
-            self._bag.conditions = answered.conditions
-        if self._bag.conditions is None:
-            raise ApplrError(f"{self._bag.path}: its course is not known any more")
-        return course_in(self._bag.conditions, self._pool)
+                raise ApplrError(f"{self.bag.path}: {failure}") from None
+            self.bag.conditions = answered.conditions
+        assert self.bag.conditions is not None
+        return course_in(self.bag.conditions, self._pool)

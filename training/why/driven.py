@@ -14,45 +14,62 @@ from training.workers.calls import CallFailed
 
 STOPS_S = 1.0  # time without motion that counts as a stop of a simulated drive [s]
 STOPS_M = 0.05  # motion within it [m]
+# Why a world does not count. In it, other values fail or help for reasons that the recorded drive
+# did not have.
+NOT_AS_FAR = "does not come as far as it did, so no advice rests on what was driven"
 
 
 def with_trials(answer: Answer, trials: Optional[WholeDriveTrials]) -> Answer:
     """Return an answer with what whole drives found; as it is if there were none."""
     if trials is None:
         return answer
-    for tried in trials.tried:
-        # A guess that was driven in vain is none.
-        if tried.candidate.changes == answer.guess:
-            answer = replace(answer, guess=())
     stops = stops_near(trials.recorded, answer)
-    result_in_words = "stops there, too" if stops else "does not stop there"
-    # In such a world, other values fail or help for reasons that the recorded drive did not have.
-    if not comes_as_far(trials.recorded, answer):
+    # A remedy shows that the robot may pass in that world where it stopped in both.
+    is_passable = stops and trials.remedy is not None
+    if not is_passable and not comes_as_far(trials.recorded, answer):
         trials = trials._replace(remedy=None)
-        result_in_words = "does not come as far as it did, so no advice rests on what was driven"
+        result_in_words = NOT_AS_FAR
+    else:
+        result_in_words = "stops there, too" if stops else "does not stop there"
+        answer = _advised(answer, trials)
+        # What lies outside the planner is no parameter's effect, unless the simulation shows it.
+        if stops or not answer.told.is_outside:
+            first_line = answer.first_line + _likely_cause(trials.remedy)
+            answer = replace(answer, first_line=first_line)
     deciding_in_words = "with the recorded values"
     if trials.policy_decided:
         deciding_in_words = "with its policy, which made the recorded decisions"
     simulated = f"simulated {deciding_in_words}, the robot {result_in_words}"
     return replace(
         answer,
-        advice=_advice(answer, trials),
         certainty=f"{answer.certainty}; {simulated}",
         driven=driven_rows(trials),
         **trials_values(trials),
     )
 
 
-def _advice(answer: Answer, trials: WholeDriveTrials) -> List[str]:
-    """Return what to change, and what that did when it was driven."""
+def _likely_cause(remedy: Optional[Tried]) -> str:
+    """Return the unusual value without which drives are better, as a sentence; "" if none is."""
+    if remedy is None or not remedy.candidate.replaces_unusual:
+        return ""
+    return f" Likely cause: {remedy.candidate.before}."
+
+
+def _advised(answer: Answer, trials: WholeDriveTrials) -> Answer:
+    """Return an answer with what to change, and what that did when it was driven."""
+    for tried in trials.tried:
+        # A guess that was driven in vain is none.
+        if tried.candidate.changes == answer.guess:
+            answer = replace(answer, guess=())
     remedy = trials.remedy
     if remedy is not None:
-        return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]
+        result_in_words = f"{remedy}; with the recorded values {trials.recorded}"
+        return replace(answer, advice=[f"Try {remedy.candidate}: {result_in_words}."])
     clearly = " clearly" if trials.judged else ""
     advice = f"Nothing that was tried helped{clearly}."
     if answer.guess:
         advice += f" {guess_in_words(answer.guess[0])}"
-    return [advice]
+    return replace(answer, advice=[advice])
 
 
 def stops_near(tried: Tried, answer: Answer) -> bool:
@@ -78,9 +95,10 @@ def comes_as_far(tried: Tried, answer: Answer) -> bool:
     """Return whether one of the simulated drives comes as near to the goal as the recorded one."""
     goal = np.array(answer.goal)
     track = np.array(answer.track)
-    # On its way to another goal, the robot may have passed this one.
+    # On its way to another goal, the robot may have passed this one. A robot that was not heard of
+    # any more has no track.
     pursuing = track[track[:, 0] >= answer.told.begin]
-    recorded_distance = distances(pursuing[:, 1:3], goal).min()
+    recorded_distance = distances(pursuing[:, 1:3], goal).min(initial=np.inf)
     farthest = recorded_distance + SAME_PLACE_M * answer.scale
     for drive in tried.drives:
         if drive.success or distances(drive.path[:, 1:], goal).min() <= farthest:

@@ -138,7 +138,9 @@ def logbook_of(
     if not bags:
         raise BagError(f"no bag can be read: {problems[0]}" if problems else "there are no bags")
     notes += problems
-    notes += _notes_of_files(all_bags)
+    unkept = [bag for bag in all_bags if bag.problem]
+    if unkept:
+        notes.append(f"answers are not kept: {unkept[0].problem}")
     set_floors(bags)
     stops = stops_of(bags)
     stop_count = sum(len(bag.answer.events) for bag in bags)
@@ -204,18 +206,6 @@ def _answer(
         bag_at[bag_path].keep(answered.answer)
         bag_at[bag_path].conditions = answered.conditions
     return [problems[bag.path] for bag in bags if bag.path in problems]
-
-
-def _notes_of_files(bags: Sequence[LoggedBag]) -> List[str]:
-    """Return what is to be said of the files beside the bags."""
-    notes = []
-    damaged = [bag for bag in bags if bag.is_damaged]
-    if damaged:
-        notes.append(f"{len(damaged)} answers beside their bags were damaged: made again")
-    unkept = [bag for bag in bags if bag.problem]
-    if unkept:
-        notes.append(f"answers are not kept: {unkept[0].problem}")
-    return notes
 
 
 # -- stops and places ------------------------------------------------------------------------------

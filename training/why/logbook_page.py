@@ -25,7 +25,6 @@ from training.why.logbook_words import (
     by_parameter,
     by_place,
     by_reason,
-    headline,
     how_sure,
     lines_of,
     stop_in_words,
@@ -69,9 +68,8 @@ def logbook_values(logbook: Logbook, change: Optional[CommonChange]) -> Dict[str
         remedies.append(str(change.trials.remedy.candidate))
     return {
         "lines": lines_of(logbook, change),
-        "happened": headline(logbook),
         "advice": advice(logbook, change),
-        "sure": how_sure(logbook, change),
+        "sure": how_sure(logbook),
         "reproduced": logbook.reproduced / logbook.commands if logbook.commands else 0.0,
         "remedies": remedies,
         "notes": logbook.notes,
@@ -164,7 +162,7 @@ def write_pages(
     page = Page(
         kind="why · logbook",
         title="Why did the robot stop or slow down, and where?",
-        verdict=values["happened"],
+        verdict=values["lines"][0],
         scripts=SCRIPTS,
         data={**values, "floors": floors, "links": links},
         measured=[values["sure"], FRAMES, *driven_notes],

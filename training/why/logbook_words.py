@@ -10,11 +10,11 @@ from typing import Callable, DefaultDict, List, NamedTuple, Optional, Sequence
 import numpy as np
 from typing_extensions import override
 
-from applr_ros1.why.answer import indented, sentence, under
+from applr_ros1.why.answer import GUESSED, sentence, under
 from applr_ros1.why.diagnosis import general
 from training.common.words import counted
 from training.why.common_change import CommonChange
-from training.why.driven import driven_rows, stops_near
+from training.why.driven import driven_rows
 from training.why.logbook import Logbook, LoggedStop, lost_in
 
 WORST = 10  # number of stops in a list of the worst ones
@@ -146,35 +146,23 @@ def _change_in_words(change: CommonChange) -> str:
     )
 
 
-def how_sure(logbook: Logbook, change: Optional[CommonChange]) -> str:
-    """Return how far replays and simulated drives agree with the recorded ones."""
+def how_sure(logbook: Logbook) -> str:
+    """Return how far replays agree with the recorded drives."""
     sentence_parts = []
     if logbook.commands:
         share = logbook.reproduced / logbook.commands
         sentence_parts.append(
             f"{logbook.reproduced:,} of {logbook.commands:,} commands reproduced ({share:.1%})"
         )
-    doubtful = sum(bag.answer.is_doubtful for bag in logbook.bags)
+    doubtful = sum(bag.answer.confidence == GUESSED for bag in logbook.bags)
     if doubtful:
         sentence_parts.append(
             f"few in {counted(doubtful, 'drive')}, whose planner's reasons are not to be trusted"
-        )
-    if change is not None:
-        near_count = sum(_stops_there(change, number) for number in range(len(change.bags)))
-        sentence_parts.append(
-            "simulated with the recorded values, the robot stops at the same place in "
-            f"{near_count} of {len(change.bags)}"
         )
     if not sentence_parts:
         return "No drive was replayed."
     sure = "; ".join(sentence_parts)
     return f"{sure[0].upper()}{sure[1:]}."
-
-
-def _stops_there(change: CommonChange, number: int) -> bool:
-    """Return whether the simulated robot stops where the recorded one did."""
-    recorded = change.trials.on_course(number).recorded
-    return stops_near(recorded, change.bags[number].answer)
 
 
 def place_in_words(worst_stop: LoggedStop) -> str:
@@ -194,25 +182,14 @@ def stop_in_words(logged: LoggedStop) -> str:
 # -- terminal --------------------------------------------------------------------------------------
 def lines_of(logbook: Logbook, change: Optional[CommonChange]) -> List[str]:
     """Return the logbook for a terminal."""
-    lines = [headline(logbook), *advice(logbook, change), how_sure(logbook, change)]
+    lines = [headline(logbook), *advice(logbook, change), how_sure(logbook)]
     if not logbook.stops:
         return lines
-    lines += _listed("Time lost by reason", by_reason(logbook.stops))
-    lines += _listed("By parameter of the replay's best guess", by_parameter(logbook.stops))
-    lines += _listed("By place", by_place(logbook.places))
-    lines += _listed("By day", by_day(logbook.stops))
+    lines += under("Time lost by reason", by_reason(logbook.stops)[:LISTED])
+    lines += under("By parameter of the replay's best guess", by_parameter(logbook.stops)[:LISTED])
+    lines += under("By place", by_place(logbook.places)[:LISTED])
+    lines += under("By day", by_day(logbook.stops)[:LISTED])
     lines += under("The worst stops", map(stop_in_words, logbook.stops[:WORST]))
     if change is not None:
         lines += driven_rows(change.trials)
     return lines
-
-
-def _listed(title: str, groups: Sequence[LostTime]) -> List[str]:
-    """Return a heading and the first of some groups; nothing without groups."""
-    rows = under(title, groups[:LISTED])
-    rest = groups[LISTED:]
-    if rest:
-        lost = sum(group.lost for group in rest)
-        stop_count = sum(len(group.stops) for group in rest)
-        rows += indented([f"{lost:.0f} s in {counted(stop_count, 'stop')}: {len(rest)} others"])
-    return rows

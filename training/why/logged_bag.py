@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from functools import partial
 from pathlib import Path
-from typing import Iterator, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -43,7 +44,6 @@ class LoggedBag:
         answer: The answer, once it is known.
         conditions: Conditions of simulated drives in its world, if they are known.
         floor: Number of the frame that it shares with other bags.
-        is_damaged: Whether a file is there that is no answer.
         problem: Why the answer cannot be kept; "" if it can.
     """
 
@@ -54,7 +54,6 @@ class LoggedBag:
         self.is_answered = False
         self.conditions: Optional[DriveConditions] = None
         self.floor = 0
-        self.is_damaged = False
         self.problem = ""
         # The folder of a ROS 2 bag may be given as ".", which has no name.
         named_path = Path(os.path.abspath(path))
@@ -65,7 +64,6 @@ class LoggedBag:
         try:
             kept_key, answer = KEPT.validate_json(read_bytes(self._file))
         except (ApplrError, ValidationError):
-            self.is_damaged = True
             return
         # An answer to another bag, or of another state of the code, is made again.
         if kept_key == key:
@@ -112,19 +110,10 @@ def bag_hash(path: Path) -> str:
         bag_files = sorted(filter(Path.is_file, path.iterdir()))
     for bag_file in bag_files:
         digest.update(bag_file.name.encode() if path.is_dir() else b"")
-        for block in _blocks_of(bag_file):
-            digest.update(block)
+        with bag_file.open("rb") as file:
+            for block in iter(partial(file.read, BLOCK), b""):
+                digest.update(block)
     return digest.hexdigest()
-
-
-def _blocks_of(path: Path) -> Iterator[bytes]:
-    """Yield the content of a file in parts."""
-    with path.open("rb") as file:
-        while True:
-            block = file.read(BLOCK)
-            if not block:
-                return
-            yield block
 
 
 def _hash_of(robot: Robot) -> str:

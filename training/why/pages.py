@@ -31,7 +31,7 @@ def drive_page(values: Dict[str, Any], body: str = "") -> Page:
     return Page(
         kind=f"why · {values['name']}",
         title="Why did the robot stop or slow down?",
-        verdict=values["happened"],
+        verdict=values["lines"][0],
         scripts=SCRIPTS,
         data=values,
         body=body,

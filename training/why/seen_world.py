@@ -27,7 +27,7 @@ RESOLUTION_M = 0.02
 MAP_RESOLUTION_M = 0.05  # edge of a cell of a map that is written, as of map_saver's usual ones [m]
 SCANS = 120  # largest number of scans that are used
 REACH = 0.7  # distance of a corner from the centre of a cell [cells]
-HIT_SHARE = 0.3  # least share of the beams that reach an occupied cell which end there
+PASSING_SHARE = 0.7  # largest share of the beams at an occupied cell that pass its centre
 BEHIND_M = 0.1  # depth behind a hit of what is occupied unless a beam passes through it [m]
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
 
@@ -125,18 +125,19 @@ def _excess(scan: LaserScan, points: np.ndarray) -> np.ndarray:
 
 
 def _is_solid(scans: Sequence[LaserScan], points: np.ndarray, reach: float) -> np.ndarray:
-    """Return whether enough of the beams that reach each point (n, 2) end within `reach` [m] of it.
+    """Return whether enough beams that come within `reach` [m] of each point (n, 2) end before it.
 
+    Obstacles whose beams may end behind the point would grow, and close the gaps of small robots.
     A point that no beam reaches lies behind what was hit, which is not as thin as a line. Single
     beams end in free space at edges, and an obstacle that moved on is seen through later.
     """
-    ending_beams = np.zeros(len(points), int)
+    passing_beams = np.zeros(len(points), int)
     reaching_beams = np.zeros(len(points), int)
     for scan in scans:
         excess = _excess(scan, points)
-        ending_beams += np.abs(excess) <= reach
+        passing_beams += excess > 0.0
         reaching_beams += excess >= -reach
-    is_solid: np.ndarray = ending_beams >= HIT_SHARE * reaching_beams
+    is_solid: np.ndarray = passing_beams <= PASSING_SHARE * reaching_beams
     return is_solid
 
 

@@ -416,7 +416,7 @@ if (D.alternatives.length) {
       "details",
       // Whole drives say more than guesses.
       {open: !tried.length},
-      make("summary", {}, D.alternatives_heading),
+      make("summary", {}, "Guesses of the replay"),
       make("ul", {}, ...D.alternatives.map(line => make("li", {}, readable(line)))),
     ),
   );

@@ -6,7 +6,7 @@ which colour-blind people tell apart; those of light pages are darker, to be see
 
 from __future__ import annotations
 
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, NamedTuple, Sequence, Tuple
 
 
 class Color(NamedTuple):
@@ -58,7 +58,7 @@ def color_indices(methods: Sequence[str]) -> Dict[str, int]:
     """Return the index of each method's colour in METHOD_COLORS, the same on every page."""
     free_indices = [index for index in range(len(METHOD_COLORS)) if index not in FIXED.values()]
     other_methods = [method for method in methods if method not in FIXED]
-    indices: Dict[str, int] = {}
+    indices = {}
     for number, method in enumerate(other_methods):
         indices[method] = free_indices[number % len(free_indices)]
     for method in methods:
@@ -77,8 +77,8 @@ def css() -> str:
     colors = dict(COLORS)
     for index, color in enumerate(METHOD_COLORS):
         colors[f"method-{index}"] = color
-    light_variables: List[str] = []
-    dark_variables: List[str] = []
+    light_variables = []
+    dark_variables = []
     for name, color in colors.items():
         light_variables.append(f"--{name}: {color.light};")
         dark_variables.append(f"--{name}: {color.dark};")

@@ -31,7 +31,7 @@ def weights_at(space: Space) -> Optional[List[int]]:
     return [indices[weight_name] for weight_name in WEIGHTS]
 
 
-def multipliers_of(space: Space, factor: float, largest: np.ndarray) -> Array:
+def multipliers_of(space: Space, factor: float, largest: Array) -> Array:
     """Return the multipliers (n,) that convert a parameter set with biases per cell.
 
     The choice among trajectories depends only on the ratios of the three weights. If a bias would

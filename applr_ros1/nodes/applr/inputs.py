@@ -17,6 +17,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from applr_ros1.common.angles import Pose, transform_motions
+from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.messages import pose_of
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.common.scan import LEAST_LEVEL_COS
@@ -151,7 +152,7 @@ class RobotInputs:
         is_for_former = _is_nearer(end_pose, self._former_goal, self._current_goal)
         return not (is_simultaneous and is_for_former)
 
-    def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:
+    def _beams(self, now: rospy.Time) -> Tuple[Array32, float, float]:
         """Return (ranges [m], first angle, increment [rad]) of the latest scan for the robot."""
         scan = self._sensors.observations().get(self._scan_topic, self._scan)
         self._scan = scan
@@ -186,7 +187,7 @@ class RobotInputs:
 
     def _moving(
         self, message: Optional[Movers], frame: str, now: rospy.Time
-    ) -> Tuple[np.ndarray, rospy.Time]:
+    ) -> Tuple[Array, rospy.Time]:
         """Return moving obstacles (k, 4) x, y, vx, vy in `frame`, and their stamp.
 
         There are none if the message is stale.

@@ -14,6 +14,7 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import PointCloud2
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.nodes.applr.distance_weights import PLANNER, weights_at
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
@@ -31,7 +32,7 @@ PATIENCE_S = 1.0
 UNCHANGED = "parameter sets are sent unchanged"
 
 
-def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optional[float]:
+def factor_of(rows: Array, weights: Array, resolution: float) -> Optional[float]:
     """Return the factor that the planner applies to its biases: 1.0, or the resolution [m].
 
     Args:

@@ -13,9 +13,9 @@ from collections import Counter
 from contextlib import suppress
 from typing import Dict, Optional, Tuple
 
-import numpy as np
 import rospy
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import reason
 from applr_ros1.nodes.applr.costmaps import Costmaps
 from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
@@ -303,7 +303,7 @@ class ApplrNode:
         }
         self.topics.diagnostics(now, trouble, is_lost, supervisor.activity, values)
 
-    def _publish_parameters(self) -> Optional[np.ndarray]:
+    def _publish_parameters(self) -> Optional[Array]:
         """Publish the parameters in force and the multipliers.
 
         Return theta (n,), or None if it is unknown.

@@ -163,7 +163,7 @@ class ServerClient:
                     break
         except Exception as problem:
             # The library raises an error of its own in place of the server's.
-            cause: BaseException = problem
+            cause = problem
             if isinstance(problem.__context__, rospy.ServiceException):
                 cause = problem.__context__
             error = f"{self.name}: {reason(cause)}"
@@ -361,8 +361,7 @@ class ReconfigureClient:
             sent_values = self.space.read_back(self._converted(sent))
             if np.array_equal(values, sent_values):
                 return self.space.read_back(sent.settings)
-        theta: Array = values / self._multipliers(per_cell)
-        return theta
+        return values / self._multipliers(per_cell)
 
     def _largest(self) -> Array:
         """Return the largest parameters (n,) that all servers accept."""

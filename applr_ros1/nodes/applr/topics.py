@@ -6,7 +6,7 @@ Used by node.py.
 from __future__ import annotations
 
 from math import atan2
-from typing import Any, Dict, Mapping
+from typing import Any, Mapping
 
 import numpy as np
 import rospy
@@ -15,8 +15,9 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header, Time
 
 from applr_ros1.common.angles import transform_point
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.ros_node import policy_status
-from applr_ros1.drives.columns import fields_of_seen, plotted
+from applr_ros1.drives.columns import fields_of_parameters, fields_of_seen
 from applr_ros1.msg import Decision, Movers, Parameters
 from applr_ros1.nodes import conversions
 from applr_ros1.policy.observation import local_goal
@@ -48,11 +49,7 @@ class ApplrTopics:
 
     def decision(self, ruling: Ruling, now: Any, goal: Any, snapshot: Any, context: Any) -> None:
         """Publish a decision: Context, stamps of its inputs, and what was decided."""
-        message = self._message(
-            ruling.number, now, goal, snapshot, context, ruling.theta, ruling.refused
-        )
-        message.cleared = ruling.clears_costmaps
-        self._decision.publish(message)
+        self._decision.publish(self._message(ruling, now, goal, snapshot, context))
 
         # Displays show the local goal as an arrow from the robot to it.
         goal_ahead, goal_left = local_goal(context.plan, context.pose, context.layout.lookahead)
@@ -64,36 +61,30 @@ class ApplrTopics:
 
     def course_end(self, number: int, now: Any, goal: Any, snapshot: Any, context: Any) -> None:
         """Publish the observation at the end of a course."""
-        self._course_end.publish(self._message(number, now, goal, snapshot, context, None, ""))
+        no_ruling = Ruling(number, None, "", False, None)
+        self._course_end.publish(self._message(no_ruling, now, goal, snapshot, context))
 
-    def _message(
-        self,
-        number: int,
-        now: Any,
-        goal: str,
-        snapshot: Any,
-        context: Any,
-        theta: Any,
-        refused: str,
-    ) -> Any:
+    def _message(self, ruling: Ruling, now: Any, goal: str, snapshot: Any, context: Any) -> Any:
         """Return an applr_ros1/Decision with all inputs, from which a dataset can be made."""
         seen_fields = fields_of_seen(snapshot.seen, self._robot)
         mover_fields = seen_fields.pop("movers")
-        message = Decision(number=number, goal=goal, refused=refused)
-        message.header.stamp = now
-        message.header.frame_id = snapshot.frame
-        message.scan = snapshot.scan_stamp
-        message.odometry = snapshot.odom_stamp
-        message.plan = snapshot.plan_stamp
-        for name, value in seen_fields.items():
-            setattr(message, name, value)
         movers_header = Header(0, snapshot.movers_stamp, snapshot.frame)
-        message.movers = Movers(header=movers_header, **mover_fields)
-        message.before = parameters_message(context.theta, now, self._space)
-        message.after = parameters_message(theta, now, self._space)
-        return message
+        return Decision(
+            header=Header(0, now, snapshot.frame),
+            number=ruling.number,
+            goal=goal,
+            refused=ruling.refused,
+            cleared=ruling.clears_costmaps,
+            scan=snapshot.scan_stamp,
+            odometry=snapshot.odom_stamp,
+            plan=snapshot.plan_stamp,
+            movers=Movers(header=movers_header, **mover_fields),
+            before=parameters_message(context.theta, now, self._space),
+            after=parameters_message(ruling.theta, now, self._space),
+            **seen_fields,
+        )
 
-    def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: np.ndarray) -> None:
+    def parameters(self, theta: Array, now: rospy.Time, multipliers: Array) -> None:
         """Publish the current parameters (n,) at ROS time `now`, and their multipliers (n,)."""
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
@@ -127,17 +118,10 @@ def parameters_message(
     It has no names and values if theta is None. The multipliers (n,) by which the node scales the
     parameters before it sends them are ones if they are None.
     """
-    message = Parameters()
-    message.header.stamp = stamp
-    values: Dict[str, float] = {}
+    values = {}
     if theta is not None:
         values = dict(zip(space.names, np.asarray(theta, np.float64).tolist()))
-    if multipliers is None:
-        multipliers = np.ones(len(space))
-    message.names = list(values)
-    message.values = list(values.values())
-    message.multipliers = multipliers.tolist() if values else []
-    # The paper's parameters have fields of their own, which are easier to plot.
-    for field_name, value in plotted(values, space).items():
-        setattr(message, field_name, value)
-    return message
+    fields = fields_of_parameters(values, space)
+    if values and multipliers is not None:
+        fields["multipliers"] = multipliers.tolist()
+    return Parameters(header=Header(0, stamp, ""), **fields)

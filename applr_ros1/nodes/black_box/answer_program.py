@@ -9,7 +9,6 @@ import json
 import marshal
 import sys
 from contextlib import suppress
-from typing import List
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.nodes.black_box.messages import deserialize
@@ -19,7 +18,7 @@ from applr_ros1.why.black_box.bag_file import Publication, RawMessage
 
 def main() -> int:
     """Answer to the messages on stdin."""
-    messages: List[RawMessage] = []
+    messages = []
     with suppress(EOFError):
         while True:
             time, publication, data = marshal.load(sys.stdin.buffer)

@@ -170,7 +170,9 @@ class BlackBoxNode:
             self._described_as = found
         for topic, source in sources.items():
             if topic not in self._subscribers:
-                self._subscribers[topic] = self._subscribed(topic, source)
+                take = partial(self._take, source, topic)
+                subscriber = rospy.Subscriber(topic, rospy.AnyMsg, take, tcp_nodelay=True)
+                self._subscribers[topic] = subscriber
 
     def _begin(self, names: TopicNames, silent_topics: Tuple[str, ...]) -> None:
         """Begin to keep the topics of a robot, or go on with other names of them.
@@ -202,15 +204,6 @@ class BlackBoxNode:
         if robot is None:
             return unknown_robot(tree), False
         return driving(robot, tree or robot.parameters()), True
-
-    def _subscribed(self, topic: str, source: TopicSource) -> rospy.Subscriber:
-        """Return a subscriber that hands the messages of a topic to the black box."""
-        return rospy.Subscriber(
-            topic,
-            rospy.AnyMsg,
-            partial(self._take, source, topic),
-            tcp_nodelay=True,
-        )
 
     def _take(self, source: TopicSource, topic: str, message: rospy.AnyMsg) -> None:
         """Keep a message as it came."""
@@ -266,7 +259,7 @@ class BlackBoxNode:
         """Publish diagnostics."""
         box = self._box
         problem = self._problem
-        values: Dict[str, Any] = {
+        values = {
             "seconds": self._ring.seconds,
             "megabytes": self._ring.byte_count / 1e6,
             "folder": self._folder.path,
@@ -370,7 +363,7 @@ def main() -> int:
     parameters = rospy.get_param("~", {})
     # The launch file hands each of its arguments on as a parameter.
     check_names(_words_of_launch(), parameters)
-    described: Optional[Robot] = None
+    described = None
     if str(parameters.get("robot", NO_ROBOT)) != NO_ROBOT:
         described, _ = named_robot(parameters)
     names, given = names_of(parameters, described or JACKAL)

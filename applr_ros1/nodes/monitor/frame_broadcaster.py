@@ -7,7 +7,8 @@ a child of the odometry's frame, which may have another parent in tf, such as a 
 from __future__ import annotations
 
 import rospy
-from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import Pose, inverse, quaternion_of
@@ -50,10 +51,6 @@ class FrameBroadcaster:
             return
         self._broadcast_time = now
         x, y, yaw = inverse(correction)
-        message = TransformStamped()
-        message.header.stamp = now + rospy.Duration.from_sec(LEAD_S)
-        message.header.frame_id = self._odometry_frame
-        message.child_frame_id = self._matched_frame
-        message.transform.translation = Vector3(x, y, 0.0)
-        message.transform.rotation = Quaternion(*quaternion_of(yaw))
-        self._publisher.publish(TFMessage([message]))
+        header = Header(0, now + rospy.Duration.from_sec(LEAD_S), self._odometry_frame)
+        transform = Transform(Vector3(x, y, 0.0), Quaternion(*quaternion_of(yaw)))
+        self._publisher.publish([TransformStamped(header, self._matched_frame, transform)])

@@ -53,7 +53,7 @@ class ControlLoop:
 
     def run(self) -> None:
         """Run cycles until the node is shut down."""
-        due_time: Optional[rospy.Time] = None  # None for a cycle that is due at once
+        due_time = None  # None for a cycle that is due at once
         clock = RosClock()
         is_stalled = False
         while not rospy.is_shutdown():

@@ -9,13 +9,13 @@ import math
 import threading
 from typing import Any, Callable, Tuple
 
-import numpy as np
 import rospy
 from geometry_msgs.msg import PolygonStamped
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import COST_FIELDS, TRAJECTORY_FIELDS
 from applr_ros1.planner.costmap import footprint
@@ -121,7 +121,7 @@ class PlanDisplay:
         )
         self._sent = -math.inf  # time of the last trajectory_cloud [s]
 
-    def planned(self, plan: np.ndarray, stamp: rospy.Time) -> None:
+    def planned(self, plan: Array, stamp: rospy.Time) -> None:
         """Publish the plan (n, 3) of the global planner; it is empty if planning failed."""
         self._send(self._plan, plan, stamp, self._global_frame)
 
@@ -157,7 +157,7 @@ class PlanDisplay:
             self._trajectories.publish(cloud)
 
     def _send(
-        self, publisher: rospy.Publisher, poses: np.ndarray, stamp: rospy.Time, frame: str
+        self, publisher: rospy.Publisher, poses: Array, stamp: rospy.Time, frame: str
     ) -> None:
         """Publish poses (n, 3) as a path if there are subscribers."""
         if publisher.get_num_connections():

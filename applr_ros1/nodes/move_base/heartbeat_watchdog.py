@@ -6,10 +6,11 @@ watchdog once per cycle. Until the first heartbeat, the watchdog does nothing.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional
+from typing import Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.planner.parameters.trees import Tree
 from applr_ros1.policy.parameter_space import Space
 
 # Number of periods without a heartbeat after which the applr node counts as dead
@@ -52,7 +53,7 @@ def start_up_settings(move_base: MoveBase, space: Space) -> Settings:
         move_base: The MoveBase.
         space: Space of the parameters.
     """
-    start_values: Dict[str, Dict[str, Any]] = {}
+    start_values: Dict[str, Tree] = {}
     for _, target in space.addresses:
         # The policy may also learn parameters of a planner that is not in use.
         if target.server in move_base.start_up:

@@ -19,7 +19,7 @@ import time
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -35,6 +35,7 @@ from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.common.angles import Pose, compose, within_speed
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import command_topic, init_node, until_shutdown
@@ -47,6 +48,7 @@ from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.parameters.check import check, remarks
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.parameters.layers import COSTMAPS, PREDICTED
+from applr_ros1.planner.parameters.trees import Tree
 from applr_ros1.planner.state_machine import NO_PLAN
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
@@ -72,7 +74,7 @@ class MoveBaseNode:
             defaults.
     """
 
-    def __init__(self, tree: Dict[str, Any], robot: Optional[Robot] = None):
+    def __init__(self, tree: Tree, robot: Optional[Robot] = None):
         self._space = SPACE
         odometry_topic = "odom"
         cmd_vel_topic = "cmd_vel"
@@ -456,7 +458,7 @@ class MoveBaseNode:
         header = Header(0, rospy.Time.now(), self.frame)
         return GetPlanResponse(Path(header, self._poses(plan)))
 
-    def _poses(self, plan: np.ndarray) -> List[PoseStamped]:
+    def _poses(self, plan: Array) -> List[PoseStamped]:
         stamp = rospy.Time.now()
         return [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
 

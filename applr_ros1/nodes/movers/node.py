@@ -24,8 +24,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from applr_ros1.common.errors import run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.movers.prediction import Prediction
-from applr_ros1.movers.tracker import MoverTracker, warm_up
+from applr_ros1.movers.prediction import Prediction, warm_up
+from applr_ros1.movers.tracker import MoverTracker
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import named_robot

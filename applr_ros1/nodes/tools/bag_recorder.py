@@ -42,7 +42,7 @@ class BagRecorder:
 
         Also True, with a warning, if PATIENCE_S have passed: a publisher may have died.
         """
-        missed_topics: Set[str] = set()
+        missed_topics = set()
         for node_name, topic_names in self._recordable_topics().items():
             missed_topics |= topic_names - self._recorded_topics(node_name)
         if missed_topics and time.monotonic() > self._last_time:

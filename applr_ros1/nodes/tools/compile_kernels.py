@@ -22,7 +22,7 @@ from applr_ros1.drives import simulate
 from applr_ros1.drives.end_rules import Rules
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.movers.tracker import warm_up as warm_up_tracker
+from applr_ros1.movers.prediction import warm_up as warm_up_tracker
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
@@ -35,9 +35,10 @@ from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Stack
 from sim_bridge.simulator import warm_up as warm_up_simulator
 
-# (name, function that compiles), the longest first. The second planner comes last, because it
-# shares kernels with the first: two processes that compiled both at once took a seventh more time.
-PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
+Part = Tuple[str, Callable[[], None]]  # name, function that compiles
+# The longest first. The second planner comes last, because it shares kernels with the first: two
+# processes that compiled both at once took a seventh more time.
+PARTS: Tuple[Part, ...] = (
     (f"move_base with {LOCAL_PLANNERS[0]}", lambda: warm_up_planner(LOCAL_PLANNERS[0])),
     ("the simulators", lambda: _simulators()),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
@@ -47,7 +48,7 @@ PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
 # A warm-up of a part cannot know everything that a drive needs: a base that brakes in front of an
 # obstacle, an obstacle that leaves the costmap, the costs after a change of parameters. These
 # drives compile the rest.
-DRIVES: Tuple[Tuple[str, Callable[[], None]], ...] = (
+DRIVES: Tuple[Part, ...] = (
     ("a drive with TrajectoryPlannerROS", lambda: drive(JACKAL)),
     ("a drive with DWAPlannerROS", lambda: drive(load("turtlebot3_waffle_pi"))),
 )

@@ -62,6 +62,7 @@ from .launcher import (
     given_arguments,
     launch_arguments,
     private_nodes,
+    read,
     report,
     scene_of,
 )
@@ -149,12 +150,9 @@ def prepare(words: Sequence[str]) -> DemoSetup:
         requirement = "the demo needs sim:=true, move_base:=python and a goal"
         advice = "for a real robot use roslaunch applr_ros1 jackal_applr.launch"
         raise ApplrError(f"{requirement}: {advice}")
-    # The launch file's defaults are texts; what is no number is reported as it was given.
-    numbers = (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1))
-    for argument_name, number_type, lowest, highest in numbers:
-        with contextlib.suppress(ValueError):
-            values[argument_name] = number_type(values[argument_name])
-        number_within(argument_name, values[argument_name], lowest, highest)
+    # The launch file's defaults are texts.
+    values["limit"] = number_within("limit", read(values["limit"]), 1.0, 3600.0)
+    values["seed"] = int(number_within("seed", read(values["seed"]), 0, 2**31 - 1))
     if values["page"] != "none":
         values["page"] = os.path.abspath(values["page"])
         check_file("page", values["page"], ".html")
@@ -308,22 +306,15 @@ class Observer:
         for topic, message_type in message_types.items():
             on_arrival = partial(self._on_message, topic)
             rospy.Subscriber(topic, message_type, on_arrival, queue_size=1, buff_size=LARGE_BUFFER)
-        rospy.Subscriber(
-            "/sim_bridge/ground_truth",
-            Odometry,
-            lambda message: self.take_motion(reading_of(message)),
-            queue_size=50,
-        )
         odometry_topic = _topic(values["odom_topic"], robot.topics.odometry)
-        rospy.Subscriber(
-            odometry_topic,
-            Odometry,
-            lambda message: self.take_odometry(reading_of(message)),
-            queue_size=50,
-        )
-        rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
-        rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
-        rospy.Subscriber("/diagnostics", DiagnosticArray, self.load.read_diagnostics, queue_size=50)
+        for topic, message_type, take in (
+            ("/sim_bridge/ground_truth", Odometry, lambda odom: self.take_motion(reading_of(odom))),
+            (odometry_topic, Odometry, lambda odom: self.take_odometry(reading_of(odom))),
+            ("/sim_bridge/collision", Bool, self._on_contact),
+            ("/applr/parameters", Parameters, self._on_parameters),
+            ("/diagnostics", DiagnosticArray, self.load.read_diagnostics),
+        ):
+            rospy.Subscriber(topic, message_type, take, queue_size=50)
 
     def parts(self) -> Iterator[Tuple[str, Callable[[], Any]]]:
         """Yield (name, function that returns whether the part is up) in the order of the start."""

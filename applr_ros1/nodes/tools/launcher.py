@@ -112,11 +112,11 @@ def _check_kind(name: str, value: str, default: str) -> None:
     """
     if default in ("true", "false"):
         boolean(name, value)
-    elif isinstance(_read(default), float):
-        number_within(name, _read(value), 0.0)
+    elif isinstance(read(default), float):
+        number_within(name, read(value), 0.0)
 
 
-def _read(text: str) -> Union[float, str]:
+def read(text: str) -> Union[float, str]:
     """Return a text as a number if it is one."""
     try:
         return float(text)

@@ -13,7 +13,6 @@ import os
 import re
 import time
 import webbrowser
-from typing import List
 
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
@@ -54,7 +53,7 @@ def main() -> None:
     os.environ[admission.TOKEN] = token
     own_address = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
     with private_nodes(arguments) as nodes:
-        addresses: List[str] = []
+        addresses = []
 
         def is_up() -> bool:
             addresses.extend(own_address.findall(str(rospy.get_param("/viewer/address", ""))))

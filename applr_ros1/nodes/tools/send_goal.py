@@ -22,7 +22,7 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
-from applr_ros1.robots import load
+from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.robots.robot_world import world_of
 
 from .bag_recorder import BagRecorder
@@ -56,14 +56,15 @@ def _wait_for(topic: str) -> None:
 def main() -> None:
     """Send the goal, wait for its end and log the outcome."""
     init_node("send_goal")
-    goal_words = str(rospy.get_param("~goal", "auto"))
+    parameters = rospy.get_param("~", {})
+    goal_words = str(parameters.get("goal", "auto"))
     if goal_words == "none":
         rospy.loginfo("send_goal: goal is none: nothing is sent")
         return
-    robot = load(str(rospy.get_param("~robot", "jackal")))
-    odom_frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
+    robot, prefix = named_robot(parameters)
+    odom_frame = prefix + robot.frames.odom
     if goal_words == "auto":
-        world = world_of(str(rospy.get_param("~world", "generated:0")), robot)
+        world = world_of(str(parameters.get("world", "generated:0")), robot)
         goal_pose = course_goal(world.course)
     else:
         goal_pose = arguments.pose("goal", goal_words)
@@ -73,9 +74,9 @@ def main() -> None:
     with announced("waiting for the clock to start (use_sim_time is true)", rospy.loginfo):
         while rospy.get_time() == 0.0 and not rospy.is_shutdown():
             time.sleep(0.1)
-    for topic in rospy.get_param("~wait_for", []):
+    for topic in parameters.get("wait_for", []):
         _wait_for(topic)
-    recorder_name = str(rospy.get_param("~recorder", ""))
+    recorder_name = str(parameters.get("recorder", ""))
     if recorder_name:
         recorder = BagRecorder(recorder_name)
         while not rospy.is_shutdown() and not recorder.is_ready():

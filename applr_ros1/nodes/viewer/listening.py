@@ -29,6 +29,28 @@ WORK_S = 10.0  # longest wall time that a service may take, such as to load a me
 Report = Callable[[str], None]  # shows one line to all clients
 
 
+class _HeardTopic:
+    """Subscription to a topic.
+
+    Attributes:
+        queue: Unread messages.
+        latest: Latest message that was read, or None.
+        times: Wall and ROS time of the latest message.
+    """
+
+    def __init__(self, topic: str, kind: Any):
+        self.queue: Deque[Any] = deque(maxlen=KEPT_MESSAGES)
+        self.latest: Any = None
+        self.times = (-math.inf, -math.inf)
+        self.subscriber = rospy.Subscriber(
+            topic, numpy_msg(kind), self._keep, queue_size=KEPT_MESSAGES, buff_size=LARGE_BUFFER
+        )
+
+    def _keep(self, message: Any) -> None:
+        self.queue.append(message)
+        self.times = (time.monotonic(), rospy.get_time())
+
+
 class Listener:
     """Subscriptions that begin with the first request for a topic.
 
@@ -37,57 +59,35 @@ class Listener:
 
     def __init__(self, fixed: str):
         self.fixed = fixed
-        self._queues: Dict[str, Deque[Any]] = {}  # unread messages by topic
-        self._latest: Dict[str, Any] = {}  # latest message by topic
-        # Wall and ROS time of the latest message, by topic
-        self._times: Dict[str, Tuple[float, float]] = {}
-        self._subscribers: List[Any] = []
+        self._topics: Dict[str, _HeardTopic] = {}
         self._transforms = TransformBuffer()
 
     def close(self) -> None:
         """Unsubscribe from everything until the next request, and drop all messages."""
-        while self._subscribers:
-            self._subscribers.pop().unregister()
+        for heard in self._topics.values():
+            heard.subscriber.unregister()
         self._transforms.unsubscribe()
-        self._queues.clear()
-        self._latest.clear()
-        self._times.clear()
+        self._topics.clear()
 
     def fresh(self, topic: str, kind: Any) -> List[Any]:
         """Return the unread messages, oldest first. Their arrays are numpy arrays."""
-        if topic not in self._queues:
-            self._subscribe(topic, kind)
-        queue = self._queues[topic]
+        if topic not in self._topics:
+            self._topics[topic] = _HeardTopic(topic, kind)
+        heard = self._topics[topic]
         # A callback may add messages at the same time: only those that are there now are read.
-        messages = [queue.popleft() for _ in range(len(queue))]
+        messages = [heard.queue.popleft() for _ in range(len(heard.queue))]
         if messages:
-            self._latest[topic] = messages[-1]
+            heard.latest = messages[-1]
         return messages
-
-    def _subscribe(self, topic: str, kind: Any) -> None:
-        """Subscribe to a topic, and keep its messages in a new queue."""
-        queue: Deque[Any] = deque(maxlen=KEPT_MESSAGES)
-        self._queues[topic] = queue
-
-        def keep(message: Any) -> None:
-            queue.append(message)
-            self._times[topic] = (time.monotonic(), rospy.get_time())
-
-        subscriber = rospy.Subscriber(
-            topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=LARGE_BUFFER
-        )
-        self._subscribers.append(subscriber)
 
     def news(self, topic: str, kind: Any) -> Any:
         """Return the latest message if it is unread, otherwise None. Older messages are dropped."""
-        queue = self._queues.get(topic, deque())
-        while len(queue) > 1:
-            queue.popleft()
-        return next(iter(self.fresh(topic, kind)), None)
+        return next(reversed(self.fresh(topic, kind)), None)
 
     def latest(self, topic: str, kind: Any) -> Any:
         """Return the latest message, read or unread, or None before the first."""
-        return self.news(topic, kind) or self._latest.get(topic)
+        self.fresh(topic, kind)
+        return self._topics[topic].latest
 
     def placed(self, topic: str, kind: Any) -> Tuple[Any, Any]:
         """Return `news` and the pose of its frame, or (None, None) if either is missing."""
@@ -105,7 +105,9 @@ class Listener:
         Of the ages in wall and in ROS time the smaller one counts: a simulation may be paused, or
         run faster than the wall clock.
         """
-        wall_time, ros_time = self._times.get(topic, (-math.inf, -math.inf))
+        if topic not in self._topics:
+            return math.inf
+        wall_time, ros_time = self._topics[topic].times
         return min(time.monotonic() - wall_time, float(rospy.get_time()) - ros_time)
 
     def frame_pose(self, frame: str) -> Optional[Pose]:

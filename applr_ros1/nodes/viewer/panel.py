@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.ros_node import policy_status
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES
@@ -116,7 +117,7 @@ class Panel:
         """Name of the source of the parameters, for the page."""
         return METHODS.get(self.method, self.method) or "nobody"
 
-    def theta(self) -> Optional[np.ndarray]:
+    def theta(self) -> Optional[Array]:
         """Return the planner's parameters (n,), or None before the applr node has read them."""
         message = self._listener.latest(PARAMETERS, Parameters)
         # The applr node may have been started for another robot.

@@ -17,6 +17,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import Pose, compose, transform_point
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.messages import pose_of
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.paths import step_lengths
@@ -142,13 +143,9 @@ class ViewerScene:
             if message is None:
                 continue
             markers = [marker for marker in message.markers if marker.action == Marker.ADD]
-            cylinders = [marker for marker in markers if marker.type == Marker.CYLINDER]
-            boxes = [marker for marker in markers if marker.type == Marker.CUBE]
-            topic_name = topic.split("/")[1]
-            cylinders_name = f"/world/{topic_name}/cylinders"
-            boxes_name = f"/world/{topic_name}/boxes"
-            self._draw_markers(cylinders_name, Marker.CYLINDER, cylinders, colour)
-            self._draw_markers(boxes_name, Marker.CUBE, boxes, colour)
+            for kind in self._meshes:
+                markers_of_kind = [marker for marker in markers if marker.type == kind]
+                self._draw_markers(f"/world/{topic}/{kind}", kind, markers_of_kind, colour)
 
     def _draw_markers(
         self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]
@@ -223,11 +220,12 @@ class ViewerScene:
             return
         rows = np.frombuffer(message.data, "<f4").reshape(-1, message.point_step // 4)
         positions = rows[:, :2].astype(np.float64)
-        points = lifted(_moved(frame_pose, positions), 0.03)
+        places = _moved(frame_pose, positions)
+        points = lifted(places, 0.03)
         costs = rows[:, -1]
 
         # The cloud has no numbers of trajectories. Points of one have the same cost and are close.
-        is_near = step_lengths(points[:, :2]) < JUMP_M
+        is_near = step_lengths(places) < JUMP_M
         is_joined = (costs[1:] == costs[:-1]) & is_near
 
         # The highest costs would leave the others without a difference of colour.
@@ -304,12 +302,12 @@ class CameraView:
         if np.allclose(line_of_sight, self._line_of_sight(self._yaw), atol=SIGHT_M):
             self._is_placed = True
 
-    def _line_of_sight(self, yaw: float) -> np.ndarray:
+    def _line_of_sight(self, yaw: float) -> Array:
         """Return the way (3,) from the camera to its target [m], if it was placed at `yaw`."""
         distance = self._distance_behind + self._distance_ahead
         return np.array([distance * math.cos(yaw), distance * math.sin(yaw), -self._height])
 
 
-def _moved(place: Any, points: np.ndarray) -> np.ndarray:
+def _moved(place: Any, points: Array) -> Array:
     """Transform points (n, 2) from the frame at `place` to the fixed frame."""
     return np.column_stack(transform_point(place, points[:, 0], points[:, 1]))

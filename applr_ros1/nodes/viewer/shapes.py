@@ -9,6 +9,7 @@ import numpy as np
 from nav_msgs.msg import MapMetaData
 
 from applr_ros1.common.angles import Pose, compose, quaternion_of
+from applr_ros1.common.arrays import Array, Array32, Data
 from applr_ros1.common.pages.colors import rgb
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import wheel_places
@@ -23,22 +24,22 @@ ABOVE_M = 0.005  # height of the arrow above the body [m]
 PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 
 
-def colours(costs: np.ndarray) -> np.ndarray:
+def colours(costs: Array) -> Data:
     """Return colours (n, 3) uint8 for costs (n,) from 0 to 1."""
     # Each channel goes from the cheap colour to the dear one with the cost.
     dear_share = np.clip(costs, 0.0, 1.0)[:, None]
     cheap_share = 1.0 - dear_share
-    shades: np.ndarray = cheap_share * rgb(CHEAP) + dear_share * rgb(DEAR)
+    shades = cheap_share * rgb(CHEAP) + dear_share * rgb(DEAR)
     return shades.astype(np.uint8)
 
 
-def lifted(points: np.ndarray, z: float) -> np.ndarray:
+def lifted(points: Array, z: float) -> Array32:
     """Return points (n, 2) as (n, 3) float32 at height z [m]."""
     heights = np.full(len(points), z)
     return np.column_stack([points, heights]).astype(np.float32)
 
 
-def pairs(rows: np.ndarray) -> np.ndarray:
+def pairs(rows: Data) -> Data:
     """Return rows (n, 3) as pairs of successive rows (n - 1, 2, 3)."""
     return np.stack([rows[:-1], rows[1:]], axis=1)
 
@@ -62,11 +63,11 @@ class Lines:
             name, hidden_segment, hidden_shades, thickness=thickness, visible=False
         )
 
-    def path(self, points: np.ndarray, z: float) -> None:
+    def path(self, points: Array, z: float) -> None:
         """Draw a line through points (n, 2) at height z [m]."""
         self.segments(pairs(lifted(points, z)))
 
-    def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
+    def segments(self, points: Array32, shades: Optional[Data] = None) -> None:
         """Draw segments (n, 2, 3) [m] with optional colours `shades` (n, 2, 3) uint8."""
         self.handle.visible = len(points) > 0
         if not len(points):
@@ -145,10 +146,7 @@ SHADES[100] = (*rgb("fast"), 240)  # lethal
 
 
 class DrawnCostmap:
-    """Costmap updated from whole maps and windows.
-
-    Draws only the bounding box of the cells that are not free: a global costmap is large.
-    """
+    """Costmap updated from whole maps and windows."""
 
     def __init__(self, scene: Any, name: str, z: float):
         self._z = z
@@ -191,27 +189,14 @@ class DrawnCostmap:
             return
         self._drawn = time.monotonic()
         self._changed = False
-        shown_rows = np.flatnonzero(self._cells.any(axis=1))
-        shown_columns = np.flatnonzero(self._cells.any(axis=0))
-        self.handle.visible = len(shown_rows) > 0
-        if not self.handle.visible:
-            return
-
-        # The window around all cells that are not free
-        first_row = shown_rows[0]
-        end_row = shown_rows[-1] + 1
-        first_column = shown_columns[0]
-        end_column = shown_columns[-1] + 1
-        window = self._cells[first_row:end_row, first_column:end_column]
-        resolution = self._info.resolution
-        self.handle.image = SHADES[window]
-        self.handle.render_width = float((end_column - first_column) * resolution)
-        self.handle.render_height = float((end_row - first_row) * resolution)
-
+        info = self._info
+        width = info.width * info.resolution
+        height = info.height * info.resolution
+        self.handle.image = SHADES[self._cells]
+        self.handle.render_width = width
+        self.handle.render_height = height
+        self.handle.visible = True
         # viser places an image by its middle.
-        middle_row = (first_row + end_row) / 2.0
-        middle_column = (first_column + end_column) / 2.0
-        map_corner = self._info.origin.position
-        image_x = map_corner.x + middle_column * resolution
-        image_y = map_corner.y + middle_row * resolution
-        put(self.handle, compose(frame_pose, (image_x, image_y, 0.0)), self._z)
+        corner = info.origin.position
+        middle = (corner.x + width / 2, corner.y + height / 2, 0.0)
+        put(self.handle, compose(frame_pose, middle), self._z)

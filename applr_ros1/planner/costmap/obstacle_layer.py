@@ -111,19 +111,23 @@ class ObstacleLayer:
             touched_bounds[:] = union(bounds, self._cleared_bounds)
             self._cleared_bounds = None
 
-        if len(self.buffers) == 1 and len(self.buffers[0].clouds) == 1:
-            # The usual single cloud is handled by one call.
-            source = self.buffers[0].source
-            cloud = self.buffers[0].clouds[0]
-            self._observe(source, cloud, source.clearing, source.marking, touched_bounds)
+        clouds = []
+        for buffer in self.buffers:
+            for cloud in buffer.clouds:
+                clouds.append((buffer.source, cloud))
+        clouds_with_points = sum(len(cloud.points) > 0 for _, cloud in clouds)
+        if clouds_with_points <= 1:
+            # The usual single cloud is handled by one call. Others have nothing to clear or mark.
+            for source, cloud in clouds:
+                self._observe(source, cloud, source.clearing, source.marking, touched_bounds)
         else:
             # All rays of all sources clear before any point marks.
-            for clearing in (True, False):
-                for buffer in self.buffers:
-                    source = buffer.source
-                    if source.clearing if clearing else source.marking:
-                        for cloud in buffer.clouds:
-                            self._observe(source, cloud, clearing, not clearing, touched_bounds)
+            for source, cloud in clouds:
+                if source.clearing:
+                    self._observe(source, cloud, True, False, touched_bounds)
+            for source, cloud in clouds:
+                if source.marking:
+                    self._observe(source, cloud, False, True, touched_bounds)
 
         if self.parameters.footprint_clearing_enabled:
             _touch_footprint(footprint, pose, touched_bounds)

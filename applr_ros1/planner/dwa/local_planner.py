@@ -12,10 +12,9 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist, inverse
 from applr_ros1.planner.dwa.planner import DWAPlanner
-from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.local_planner import NO_POSES, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.planner.sampling_planner import (
-    CycleChoice,
     Triple,
     angle_difference,
     braked,
@@ -23,8 +22,6 @@ from applr_ros1.planner.sampling_planner import (
     through_quaternion,
     turn_speed,
 )
-
-NO_POSES = np.zeros((0, 3))
 
 
 class LocalPlan:
@@ -222,7 +219,7 @@ class DWALocalPlanner(LocalPlanner):
         self.goal_reached = False
         self._searched = False
         self.cropped_plan = NO_POSES
-        self._choice: Optional[CycleChoice] = None
+        self._choice = None
 
     @property
     def is_turning(self) -> bool:
@@ -251,13 +248,6 @@ class DWALocalPlanner(LocalPlanner):
         self.planner.clear_flags()
         self.stop_rotate.new_plan()
         self.goal_reached = False
-
-    @property
-    def local_plan(self) -> np.ndarray:
-        """Points (k, 3) of this cycle's trajectory, empty while stopping or turning at the goal."""
-        if self._choice is None:
-            return NO_POSES
-        return self._choice.points
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return costs (k, 7) of the last search's cells, see DWAPlanner.cost_cloud."""

@@ -37,12 +37,12 @@ from applr_ros1.planner.parameters.parameter import (
     by_name,
     too_many_points,
 )
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, branch
 
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
-def check(tree: Dict[str, Any]) -> List[str]:
+def check(tree: Tree) -> List[str]:
     """Return the errors of a nested parameter tree.
 
     These are invalid values or, if none is invalid, conflicting values.
@@ -54,7 +54,7 @@ def check(tree: Dict[str, Any]) -> List[str]:
         return [str(problem)]
 
 
-def remarks(tree: Dict[str, Any]) -> List[str]:
+def remarks(tree: Tree) -> List[str]:
     """Return warnings about a tree without errors: values that are ignored, replaced or risky."""
     _, messages = _recoveries(tree)
     messages = [*messages, *replaced(tree)]
@@ -74,7 +74,7 @@ def remarks(tree: Dict[str, Any]) -> List[str]:
     return messages + list(_risks(arranged(tree)))
 
 
-def _risks(tree: Dict[str, Any]) -> Iterator[str]:
+def _risks(tree: Tree) -> Iterator[str]:
     """Yield a warning if the local costmap has no sources or if the base frames differ."""
     frames = _frames(tree)
     global_frame = frames["global_costmap/robot_base_frame"].strip("/")
@@ -91,7 +91,7 @@ def _risks(tree: Dict[str, Any]) -> Iterator[str]:
         yield f"{problem}: the robot will not detect obstacles, give a source"
 
 
-def _frames(tree: Dict[str, Any]) -> Dict[str, str]:
+def _frames(tree: Tree) -> Dict[str, str]:
     """Return the names of frames in an arranged tree by their parameters."""
     frames = {}
     for costmap in COSTMAPS:
@@ -112,7 +112,7 @@ class _Inspection:
         unknown: names that nothing reads, and that resemble no other name.
     """
 
-    def __init__(self, tree: Dict[str, Any]):
+    def __init__(self, tree: Tree):
         self.errors: List[str] = []
         self.warnings: List[str] = []
         self.unknown: List[str] = []
@@ -122,7 +122,7 @@ class _Inspection:
         used_entries = {name: value for name, value in tree.items() if name not in idle_planners}
         self._walk(used_entries, "")
 
-    def _walk(self, section: Dict[str, Any], path: str) -> None:
+    def _walk(self, section: Tree, path: str) -> None:
         """Inspect a section, "" for the tree, and all sections below it."""
         parameters = self._parameters(path)
         for key, value in section.items():
@@ -150,7 +150,7 @@ class _Inspection:
                     parameters[parameter.name] = parameter
         return parameters
 
-    def _report_unread(self, section: Dict[str, Any], path: str, key: str) -> None:
+    def _report_unread(self, section: Tree, path: str, key: str) -> None:
         """Warn about a name that nothing reads, with the name that was probably meant.
 
         An unknown section that resembles no other is not reported: it may hold the values of a
@@ -206,16 +206,16 @@ def _label(path: str, name: str) -> str:
     return f"{path}/{name}" if path else name
 
 
-def _local_planner(tree: Dict[str, Any]) -> str:
+def _local_planner(tree: Tree) -> str:
     return namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
 
 
-def _idle_planners(tree: Dict[str, Any]) -> Set[str]:
+def _idle_planners(tree: Tree) -> Set[str]:
     """Return the sections of the local planners that the tree does not choose."""
     return set(map(namespace, LOCAL_PLANNERS)) - {_local_planner(tree)}
 
 
-def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
+def complete(tree: Tree) -> Tree:
     """Return a new nested dict of the tree with defaults for all absent parameters.
 
     Both names of each alias are present. The parameters of layers and sources are in the sections
@@ -232,9 +232,9 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     return full_tree
 
 
-def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
+def _completed(tree: Tree) -> Tree:
     """Return the same as `complete`, without checking for conflicts between values."""
-    full_tree: Dict[str, Any] = {}
+    full_tree: Tree = {}
     tree = arranged(tree)
     declared_sections = tables(tree)
     idle_planners = _idle_planners(tree)
@@ -244,7 +244,10 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
         for parameter in parameters:
             if f"{path}/{parameter.name}" in declared_sections:
                 continue  # A layer has this name, so nothing reads the parameter.
-            given_values = _given_values(tree, given_section, parameter)
+            given_values = parameter.given_in(given_section)
+            # C++ searches for this one from the planner's name space upwards.
+            if not given_values and parameter.name == "controller_frequency":
+                given_values = parameter.given_in(tree)
             # Inherited parameters are completed at the layers. The costmap itself reads only one.
             is_read_here = bool(given_values) and parameter.name == "track_unknown_space"
             if path in COSTMAPS and parameter.name in INHERITED and not is_read_here:
@@ -263,19 +266,7 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     return full_tree
 
 
-def _given_values(tree: Dict[str, Any], section: Dict[str, Any], parameter: Parameter) -> List[Any]:
-    """Return the values that the tree gives a parameter of a section, the one that counts first."""
-    values = [section[name] for name in parameter.names if parameter.reads(section.get(name))]
-    if (
-        not values
-        and parameter.name == "controller_frequency"
-        and parameter.reads(tree.get(parameter.name))
-    ):
-        return [tree[parameter.name]]  # C++ searches for it from the planner's name space upwards.
-    return values
-
-
-def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
+def _complete_behaviours(tree: Tree, full: Tree) -> None:
     """Add the active recovery behaviours and the parameters of each listed behaviour."""
     behaviour_names = _behaviours(tree)
     full["recovery_behaviors"], _ = _recoveries(tree)
@@ -291,14 +282,13 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
         section = {**full.get(behaviour_name, {}), **branch(tree, behaviour_name)}
         values = {}
         for parameter in BEHAVIOUR:
-            value = parameter.default
-            if parameter.reads(section.get(parameter.name)):
-                value = section[parameter.name]
+            given_values = parameter.given_in(section)
+            value = given_values[0] if given_values else parameter.default
             values[parameter.name] = parameter.taken(value, f"{behaviour_name}/{parameter.name}")
         full[behaviour_name] = values
 
 
-def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
+def _contradictions(full: Tree) -> Iterator[str]:
     """Yield the errors of a complete tree: unavailable plugins and conflicting values."""
     known_plugins = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
     for name, plugins in known_plugins.items():
@@ -326,7 +316,7 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
                 yield f"{source.path}/data_type is {data_type}: give {' or '.join(DATA_TYPES)}"
 
 
-def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
+def _recoveries(tree: Tree) -> Tuple[List[Dict[str, str]], List[str]]:
     """Return the active recovery behaviours, and warnings about the list of a tree.
 
     As in move_base.cpp, loadRecoveryBehaviors, the default behaviours replace an invalid list, and
@@ -361,7 +351,7 @@ def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
     return active_behaviours, warnings
 
 
-def _behaviours(tree: Dict[str, Any]) -> List[str]:
+def _behaviours(tree: Tree) -> List[str]:
     """Return the names in recovery_behaviors, none if the default behaviours are active."""
     behaviours, _ = _recoveries(tree)
     if behaviours == DEFAULT_RECOVERIES:

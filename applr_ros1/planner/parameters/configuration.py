@@ -6,12 +6,12 @@ MoveBase has one configuration, which knows the declarations but not the effect 
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping
+from typing import Dict
 
 from applr_ros1.planner.parameters.declarations import CONTRADICTIONS, servers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, by_name
 from applr_ros1.planner.parameters.settings import Settings
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, Values, branch
 
 
 class Configuration:
@@ -21,15 +21,16 @@ class Configuration:
         tree: complete parameter tree (check.complete).
 
     Attributes:
+        servers: declarations of all servers by name.
         start_up: settings of the tree, including older names.
         current: settings in force, under the same names.
     """
 
-    def __init__(self, tree: Dict[str, Any]):
-        self._servers = servers(tree)
+    def __init__(self, tree: Tree):
+        self.servers = servers(tree)
         self._declared: Dict[str, Dict[str, Parameter]] = {}
-        start_values: Dict[str, Dict[str, Any]] = {}
-        for server, declaration in self._servers.items():
+        start_values: Dict[str, Tree] = {}
+        for server, declaration in self.servers.items():
             section = branch(tree, server)
             self._declared[server] = by_name(declaration.parameters)
             start_values[server] = {name: section[name] for name in self._declared[server]}
@@ -40,7 +41,7 @@ class Configuration:
         """Restore the start-up values of all servers."""
         self.current = self.start_up
 
-    def __getitem__(self, server: str) -> Mapping[str, Any]:
+    def __getitem__(self, server: str) -> Values:
         """Return the current values of one server by name, including older names."""
         try:
             return self.current[server]
@@ -48,7 +49,7 @@ class Configuration:
             known_servers = ", ".join(map(repr, self.start_up))
             raise ParameterError(f"no server {server!r}: give one of {known_servers}") from None
 
-    def result_of(self, server: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    def result_of(self, server: str, values: Values) -> Values:
         """Return the server's values after a request: converted, clamped, with older names updated.
 
         Changes nothing yet (see accept). If a parameter is given under both names, the value that
@@ -71,7 +72,7 @@ class Configuration:
 
         # Clients such as rqt_reconfigure send all values, so that an older name comes with each
         # newer one.
-        for parameter in self._servers[server].parameters:
+        for parameter in self.servers[server].parameters:
             given_names = [name for name in parameter.names if name in requested]
             if not given_names:
                 continue
@@ -94,6 +95,6 @@ class Configuration:
                 result[name] = self.start_up[server][name]
         return result
 
-    def accept(self, server: str, values: Mapping[str, Any]) -> None:
+    def accept(self, server: str, values: Values) -> None:
         """Apply the values that result_of() returned."""
         self.current = self.current.replaced(server, values)

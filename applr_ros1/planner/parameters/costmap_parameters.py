@@ -6,7 +6,7 @@ build time.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator
+from typing import Iterator
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.parameter import (
@@ -19,6 +19,7 @@ from applr_ros1.planner.parameters.parameter import (
     text,
     whole,
 )
+from applr_ros1.planner.parameters.trees import Tree
 
 MAX_CELLS = 16_000_000  # largest number of cells of a costmap, 200 x 200 m at 0.05 m
 
@@ -183,7 +184,7 @@ STATIC_STATIC_MAP = (
 DATA_TYPES = ("LaserScan", "PointCloud2", "PointCloud")
 
 
-def contradictions(values: Dict[str, Any]) -> Iterator[str]:
+def contradictions(values: Tree) -> Iterator[str]:
     """Yield a message for an impossible size, and for an invalid footprint."""
     from applr_ros1.planner.costmap import footprint  # needs numpy
 

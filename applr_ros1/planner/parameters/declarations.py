@@ -8,7 +8,7 @@ file uses only the standard library because the .cfg files import it at build ti
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple
+from typing import Callable, Dict, Iterator, NamedTuple, Optional, Tuple
 
 from applr_ros1.planner.parameters import (
     costmap_parameters,
@@ -24,7 +24,7 @@ from applr_ros1.planner.parameters.costmap_parameters import (
     STATIC_SOURCE,
 )
 from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER, STATIC_DWA_PLANNER
-from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, TYPES, layers, sources
+from applr_ros1.planner.parameters.layers import COSTMAPS, TYPES, layers
 from applr_ros1.planner.parameters.move_base_parameters import (
     AGGRESSIVE_RESET,
     APPLR_NODE,
@@ -39,6 +39,7 @@ from applr_ros1.planner.parameters.trajectory_planner_parameters import (
     STATIC_TRAJECTORY_PLANNER,
     TRAJECTORY_PLANNER,
 )
+from applr_ros1.planner.parameters.trees import Tree
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
@@ -76,7 +77,7 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
 
 # Per section, a function that yields a message for each value that conflicts with another value of
 # the section.
-CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
+CONTRADICTIONS: Dict[str, Callable[[Tree], Iterator[str]]] = {
     "TrajectoryPlannerROS": trajectory_planner_parameters.contradictions,
     "DWAPlannerROS": dwa_planner_parameters.contradictions,
     **dict.fromkeys(COSTMAPS, costmap_parameters.contradictions),
@@ -127,7 +128,7 @@ class Server(NamedTuple):
         return by_name(self.parameters).get(name)
 
 
-def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
+def servers(tree: Tree) -> Dict[str, Server]:
     """Return the dynamic_reconfigure servers of a complete parameter tree.
 
     These are move_base, the local planner, the costmaps and their layers.
@@ -148,7 +149,7 @@ def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
     return declared_servers
 
 
-def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
+def tables(tree: Tree) -> Dict[str, Tuple[Parameter, ...]]:
     """Return the parameters of each section of an arranged tree (layers.arranged)."""
     # SERVERS and STATIC have the layers of the Jackal; a tree may have others.
     declared_sections = {}
@@ -162,9 +163,8 @@ def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
         for layer in layers(costmap_name, costmap):
             layer_type = TYPES[layer.kind]
             declared_sections[layer.path] = layer_type.live + layer_type.static
-            if layer.kind == OBSTACLE_LAYER:
-                for source in sources(layer.values):
-                    declared_sections[f"{layer.path}/{source}"] = STATIC_SOURCE
+            for source in layer.sources:
+                declared_sections[f"{layer.path}/{source}"] = STATIC_SOURCE
     return declared_sections
 
 

@@ -7,7 +7,7 @@ build time.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator
+from typing import Iterator
 
 from applr_ros1.planner.parameters.parameter import (
     INF,
@@ -19,6 +19,7 @@ from applr_ros1.planner.parameters.parameter import (
     too_many_points,
     whole,
 )
+from applr_ros1.planner.parameters.trees import Tree
 
 # Columns: name, default, minimum, maximum, unit, description; for flags, texts and lists only name,
 # default, description
@@ -143,7 +144,7 @@ STATIC_DWA_PLANNER = (
 # fmt: on
 
 
-def contradictions(values: Dict[str, Any]) -> Iterator[str]:
+def contradictions(values: Tree) -> Iterator[str]:
     """Yield a message for each value that leads to too many samples or points."""
     # Each axis has at least two samples and one more at zero.
     counts = tuple(values[name] for name in SAMPLES)

@@ -17,7 +17,7 @@ from applr_ros1.planner.parameters.costmap_parameters import (
     STATIC_STATIC_MAP,
 )
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, branch
 
 COSTMAPS = ("global_costmap", "local_costmap")
 
@@ -93,7 +93,12 @@ class LayerSection(NamedTuple):
     path: str  # section in the parameter tree, such as "local_costmap/obstacle_layer"
     name: str
     kind: str  # one of TYPES
-    values: Dict[str, Any]  # parameters of the section; empty if there are none
+    values: Tree  # parameters of the section; empty if there are none
+
+    @property
+    def sources(self) -> List[str]:
+        """Names of its observation sources; none unless it is an obstacle layer."""
+        return sources(self.values) if self.kind == OBSTACLE_LAYER else []
 
 
 class SourceSection(NamedTuple):
@@ -101,7 +106,7 @@ class SourceSection(NamedTuple):
 
     layer: str  # section of the layer
     name: str
-    values: Dict[str, Any]  # parameters of the section; empty if there are none
+    values: Tree  # parameters of the section; empty if there are none
 
     @property
     def path(self) -> str:
@@ -109,7 +114,7 @@ class SourceSection(NamedTuple):
         return f"{self.layer}/{self.name}"
 
 
-def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[LayerSection]:
+def layers(name: str, costmap: Tree, kind: str = "") -> List[LayerSection]:
     """Return the layers of the costmap `name`, lowest first: all, or those of one kind.
 
     Layers whose type is not available are left out.
@@ -144,7 +149,7 @@ def _is_named_and_typed(entry: Any) -> bool:
     return isinstance(name, str) and bool(name)
 
 
-def replaced(tree: Dict[str, Any]) -> Iterator[str]:
+def replaced(tree: Tree) -> Iterator[str]:
     """Yield a warning for each costmap layer whose type is not available.
 
     The warning says what replaces the layer, or that it is left out.
@@ -164,7 +169,7 @@ def replaced(tree: Dict[str, Any]) -> Iterator[str]:
             yield f"{costmap_name}/plugins has {kind}: this layer type is not available, {result}"
 
 
-def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
+def _kind(entry: Tree, costmap: Tree) -> str:
     """Return the layer type that is used for an entry of `plugins`, or "" if the entry is left out.
 
     A voxel layer, or another layer of unavailable type with observation sources, becomes an
@@ -180,20 +185,20 @@ def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
     return ""
 
 
-def sources(layer: Dict[str, Any]) -> List[str]:
+def sources(layer: Tree) -> List[str]:
     """Return the names of an obstacle layer's sources."""
     listed = layer.get("observation_sources", "")
     return listed.split() if isinstance(listed, str) else []
 
 
-def observation_sources(name: str, costmap: Dict[str, Any]) -> Iterator[SourceSection]:
+def observation_sources(name: str, costmap: Tree) -> Iterator[SourceSection]:
     """Yield the observation sources of the costmap `name`. Errors are those of layers()."""
-    for layer in layers(name, costmap, OBSTACLE_LAYER):
-        for source_name in sources(layer.values):
+    for layer in layers(name, costmap):
+        for source_name in layer.sources:
             yield SourceSection(layer.path, source_name, branch(layer.values, source_name))
 
 
-def marking_lasers(layer: Dict[str, Any]) -> List[str]:
+def marking_lasers(layer: Tree) -> List[str]:
     """Return the names of an obstacle layer's sources in which a laser marks and clears."""
     names = []
     for source_name in sources(layer):
@@ -204,7 +209,7 @@ def marking_lasers(layer: Dict[str, Any]) -> List[str]:
     return names
 
 
-def section_in_files(tree: Dict[str, Any], path: str) -> str:
+def section_in_files(tree: Tree, path: str) -> str:
     """Return the section of parameter files that holds the values of a section as C++ reads it.
 
     A costmap without `plugins` has its layers' values, and their sources, in its own section, which
@@ -224,7 +229,7 @@ def section_in_files(tree: Dict[str, Any], path: str) -> str:
     return section_path
 
 
-def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
+def arranged(tree: Tree) -> Tree:
     """Return a tree with the layers' parameters in the sections where C++ reads them.
 
     Without `plugins`, the list is added and the layers' parameters move from the costmap to the
@@ -239,7 +244,7 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     return result
 
 
-def _arranged_costmap(name: str, tree: Dict[str, Any]) -> Dict[str, Any]:
+def _arranged_costmap(name: str, tree: Tree) -> Tree:
     """Return the section of the costmap `name` of a tree as `arranged` does."""
     costmap = dict(tree.get(name, {}))
     # Costmap2DROS reads both from the costmap's own name space, or else from above.
@@ -263,7 +268,7 @@ def _arranged_costmap(name: str, tree: Dict[str, Any]) -> Dict[str, Any]:
     return costmap
 
 
-def _with_older_names(tree: Dict[str, Any]) -> Any:
+def _with_older_names(tree: Tree) -> Any:
     """Return the values of TrajectoryPlannerROS, also under older names that C++ still reads.
 
     With another local planner, rotations of recovery read the older names (rotate_recovery.cpp).
@@ -293,7 +298,7 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
     return {**values, **planner_values}
 
 
-def _add_predicted(layer: Dict[str, Any], base: str) -> None:
+def _add_predicted(layer: Tree, base: str) -> None:
     """Add a source for PREDICTED if the layer has a laser that marks and clears.
 
     The source has the parameters of the first such laser. base: frame of the robot.
@@ -318,7 +323,7 @@ def _add_predicted(layer: Dict[str, Any], base: str) -> None:
         layer["observation_sources"] += " applr_predicted"
 
 
-def _move_to_layers(costmap: Dict[str, Any]) -> None:
+def _move_to_layers(costmap: Tree) -> None:
     """Add the layers of files without `plugins` and move their parameters to them."""
     # Costmap2DROS::loadOldParameters does the same on the parameter server.
     moved_names = {layer_name: TYPES[kind].inherited for layer_name, kind in BEFORE_HYDRO}
@@ -346,7 +351,7 @@ def _move_to_layers(costmap: Dict[str, Any]) -> None:
     costmap.update(sections)
 
 
-def _arrange_sources(layer: Dict[str, Any], sections: Sequence[Dict[str, Any]]) -> None:
+def _arrange_sources(layer: Tree, sections: Sequence[Tree]) -> None:
     """Give each source of a layer a topic and ranges.
 
     A missing range comes from the first of the sections that has it: the layer and those above it.

@@ -8,7 +8,7 @@ standard library.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, NamedTuple
+from typing import Dict, List, NamedTuple
 
 from applr_ros1.planner.parameters.costmap_parameters import STATIC_SOURCE
 from applr_ros1.planner.parameters.layers import (
@@ -20,7 +20,7 @@ from applr_ros1.planner.parameters.layers import (
     section_in_files,
 )
 from applr_ros1.planner.parameters.parameter import by_name
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, branch
 
 NAME = "obstacle_range"
 DECLARED = by_name(STATIC_SOURCE)[NAME]
@@ -40,7 +40,7 @@ class LaserSource(NamedTuple):
     obstacle_range: float
 
 
-def laser_sources(tree: Dict[str, Any]) -> List[LaserSource]:
+def laser_sources(tree: Tree) -> List[LaserSource]:
     """Return the sources of both costmaps in which a laser marks and clears.
 
     Args:
@@ -67,19 +67,19 @@ def ranges(obstacle_range: float) -> Dict[str, float]:
     return {NAME: obstacle_range, "raytrace_range": obstacle_range + CLEARED_BEYOND_M}
 
 
-def seeing(tree: Dict[str, Any], obstacle_range: float) -> Dict[str, Any]:
+def seeing(tree: Tree, obstacle_range: float) -> Tree:
     """Return the nested parameters with which the lasers of a tree mark up to a range [m].
 
     They are to be loaded after the tree. Errors are those of laser_sources.
     """
-    parameters: Dict[str, Any] = {}
+    parameters: Tree = {}
     for source in laser_sources(tree):
         section = branch(parameters, section_in_files(tree, source.path), create=True)
         section.update(ranges(obstacle_range))
     return parameters
 
 
-def mismatch(tree: Dict[str, Any], needed: float, reason: str) -> str:
+def mismatch(tree: Tree, needed: float, reason: str) -> str:
     """Return in one line which lasers mark up to another range than needed [m]; "" if none does.
 
     Args:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Dict, Iterable, Iterator, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
 from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.planner.parameters.trees import Values
 
 INF = math.inf
 INT_MAX = 2147483647  # bound of dynamic_reconfigure's type int, which has 32 bits
@@ -106,6 +107,10 @@ class Parameter:
         if self.name in TEXT_OR_LIST:
             return isinstance(value, (str, list))
         return isinstance(value, _TYPES[self.type])
+
+    def given_in(self, section: Values) -> List[Any]:
+        """Return the values that a section gives and roscpp reads, the one that counts first."""
+        return [section[name] for name in self.names if self.reads(section.get(name))]
 
     @property
     def _is_number(self) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple
 
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import RESTORE
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, Values, branch
 
 
 class Change(NamedTuple):
@@ -79,7 +79,7 @@ def in_words(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, (int, float)) else str(value)
 
 
-class Settings(Mapping[str, Mapping[str, Any]]):
+class Settings(Mapping[str, Values]):
     """Immutable values of parameters: {server: {name: value}}.
 
     The values of one server are one request.
@@ -88,7 +88,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         values: {server: {name: value}}, which are copied.
     """
 
-    def __init__(self, values: Mapping[str, Mapping[str, Any]]):
+    def __init__(self, values: Mapping[str, Values]):
         self._values = {}
         for server, server_values in values.items():
             # The values of other settings never change: these settings share them.
@@ -96,7 +96,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
                 server_values = MappingProxyType(dict(server_values))
             self._values[server] = server_values
 
-    def __getitem__(self, server: str) -> Mapping[str, Any]:
+    def __getitem__(self, server: str) -> Values:
         return self._values[server]
 
     def __iter__(self) -> Iterator[str]:
@@ -110,12 +110,12 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         return self
 
     @classmethod
-    def from_tree(cls, tree: Dict[str, Any]) -> Settings:
+    def from_tree(cls, tree: Tree) -> Settings:
         """Return the values of all servers in a complete parameter tree (check.complete).
 
         They are under their latest names.
         """
-        values: Dict[str, Dict[str, Any]] = {}
+        values: Dict[str, Tree] = {}
         for server, declaration in servers(tree).items():
             section = branch(tree, server)
             values[server] = {}
@@ -124,14 +124,6 @@ class Settings(Mapping[str, Mapping[str, Any]]):
                     values[server][parameter.name] = section[parameter.name]
         return cls(values)
 
-    def to_tree(self) -> Dict[str, Any]:
-        """Return the values as nested parameters, with one level per part of a server's name."""
-        # A name such as local_costmap/inflater_layer has two parts.
-        tree: Dict[str, Any] = {}
-        for server, values in self.items():
-            branch(tree, server, create=True).update(values)
-        return tree
-
     def with_(self, *changes: Change) -> Settings:
         """Return the settings after some changes, whatever the values before."""
         values = {server: dict(server_values) for server, server_values in self.items()}
@@ -139,7 +131,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
             values.setdefault(change.server, {})[change.name] = change.after
         return Settings(values)
 
-    def replaced(self, server: str, values: Mapping[str, Any]) -> Settings:
+    def replaced(self, server: str, values: Values) -> Settings:
         """Return the settings with other values of one server {name: value}."""
         return Settings({**self._values, server: values})
 
@@ -147,7 +139,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         """Return the settings of some servers."""
         return Settings({server: self._values[server] for server in servers})
 
-    def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
+    def differences(self, other: Mapping[str, Values]) -> List[Change]:
         """Return the changes from these settings to others.
 
         Values that the others lack do not differ.
@@ -162,7 +154,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         return changes
 
 
-def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) -> bool:
+def are_in_force(values: Values, configuration: Values) -> bool:
     """Return whether a server's configuration {name: value} already has these values.
 
     Needless calls are harmful: C++ clears a costmap at every call of its server

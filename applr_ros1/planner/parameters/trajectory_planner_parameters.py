@@ -7,7 +7,7 @@ build time.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator
+from typing import Iterator
 
 from applr_ros1.planner.parameters.parameter import (
     GOAL,
@@ -20,6 +20,7 @@ from applr_ros1.planner.parameters.parameter import (
     too_many_points,
     whole,
 )
+from applr_ros1.planner.parameters.trees import Tree
 
 # Columns: name, default, minimum, maximum, unit, description; for flags, texts and lists only name,
 # default, description
@@ -127,7 +128,7 @@ STATIC_TRAJECTORY_PLANNER = (
 # fmt: on
 
 
-def contradictions(values: Dict[str, Any]) -> Iterator[str]:
+def contradictions(values: Tree) -> Iterator[str]:
     """Yield a message for each value that conflicts with the others.
 
     With heading_scoring, points are sim_granularity [s] apart, as if at a speed of 1.

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any, Dict, Mapping
+
+Tree = Dict[str, Any]  # nested parameters, or a section of them
+Values = Mapping[str, Any]  # {name: value} of a section or a server, which nobody changes
 
 
-def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, Any]:
+def branch(tree: Tree, path: str, create: bool = False) -> Tree:
     """Return the dict at a path such as "a/b".
 
     If there is none, the result is {}, which is part of the tree only with `create`.
     """
-    section: Dict[str, Any] = tree
+    section: Tree = tree
     for section_name in filter(None, path.split("/")):
         # An empty section of a YAML file is None.
         if create and section.get(section_name) is None:
@@ -22,7 +25,7 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
     return section
 
 
-def without_empty(tree: Dict[str, Any]) -> Dict[str, Any]:
+def without_empty(tree: Tree) -> Tree:
     """Return a tree without values and sections that are None, as empty ones of YAML files are."""
     kept = {}
     for name, value in tree.items():
@@ -33,7 +36,7 @@ def without_empty(tree: Dict[str, Any]) -> Dict[str, Any]:
     return kept
 
 
-def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
+def merged(below: Tree, above: Tree) -> Tree:
     """Return a new tree: `below` with the values of `above` on top.
 
     None does not replace a section of `below`: it is what an empty section of a YAML file gives.

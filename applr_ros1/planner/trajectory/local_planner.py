@@ -13,10 +13,9 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, Twist
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.local_planner import NO_POSES, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.sampling_planner import (
-    CycleChoice,
     Triple,
     angle_difference,
     braked,
@@ -28,7 +27,6 @@ from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
 STOPPED_VELOCITY = 0.01  # velocity up to which the robot counts as stopped [m/s, rad/s]
 STANDING = (0.0, 0.0)
-NO_POSES = np.zeros((0, 3))
 NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
 
 
@@ -64,7 +62,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def _forget_cycle(self) -> None:
         """Clear the state that belongs to a single cycle."""
         self.cropped_plan = NO_POSES
-        self._choice: Optional[CycleChoice] = None
+        self._choice = None
         self._is_blocked = False  # whether the search found no legal command
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
@@ -85,13 +83,6 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def end_escape(self) -> None:
         """Sample forward velocities again in the next cycle."""
         self.planner.end_escape()
-
-    @property
-    def local_plan(self) -> np.ndarray:
-        """Points (k, 3) of this cycle's trajectory, empty while stopping or turning at the goal."""
-        if self._choice is None:
-            return NO_POSES
-        return self._choice.points
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
         """Return costs (k, 7) of the last cycle's cells, see TrajectoryPlanner.cost_cloud."""

@@ -44,18 +44,22 @@ _TAGS = {  # tags of a ray sensor by field of robot.yaml
 }
 
 
+# Proposals (value, origin) for fields to fill in, by (section, field) of robot.yaml
+Hints = Dict[Tuple[str, str], Tuple[Any, str]]
+
+
 @dataclass
 class Description:
     """Content of a URDF.
 
     Attributes:
         values: Unambiguous values, by section and field of robot.yaml.
-        hints: Proposals (value, origin) for fields to fill in, by (section, field).
+        hints: Proposals for fields to fill in.
         notes: Messages about values used and left out.
     """
 
     values: Dict[str, Dict[str, Any]] = field(default_factory=dict)
-    hints: Dict[Tuple[str, str], Tuple[Any, str]] = field(default_factory=dict)
+    hints: Hints = field(default_factory=dict)
     notes: List[str] = field(default_factory=list)
 
 
@@ -78,7 +82,7 @@ class StatedWheels(NamedTuple):
 def describe(
     urdf: UrdfFile,
     controllers: Sequence[StatedWheels],
-    footprint: np.ndarray,
+    footprint: Array,
     laser: str,
     sensor_frame: str,
 ) -> Description:
@@ -236,15 +240,8 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     """Fill the section base: kind of the drive, and dimensions of the driven wheels."""
     if not joints:
         return
-    radii = []
-    widths = []
-    centres = []
-    for joint in joints:
-        wheel = _wheel(urdf, joint)
-        radii.append(wheel.radius)
-        widths.append(wheel.width)
-        centres.append(wheel.centre)
-    x, y, z = np.array(centres).T
+    wheels = [_wheel(urdf, joint) for joint in joints]
+    x, y, z = np.array([wheel.centre for wheel in wheels]).T
     base = description.values["base"]
     wheels_per_side = len(joints) // 2  # The left side comes first.
     base["drive"] = "two_wheel"
@@ -254,9 +251,10 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
         base["drive"] = "skid_steer"
         base["wheelbase"] = float(np.ptp(x))
     # Wheels of different sizes are asked for: the model has one radius and one width.
-    for field_name, sizes in (("wheel_radius", radii), ("wheel_width", widths)):
+    for field_name in ("radius", "width"):
+        sizes = [getattr(wheel, field_name) for wheel in wheels]
         if all(sizes) and np.ptp(sizes) < SAME_M:
-            base[field_name] = float(np.mean(sizes))
+            base[f"wheel_{field_name}"] = float(np.mean(sizes))
     centre_x = float(x.mean())
     if abs(centre_x) > SAME_M:
         description.notes.append(
@@ -271,12 +269,12 @@ class _Wheel(NamedTuple):
 
     radius: float
     width: float
-    centre: np.ndarray
+    centre: Array
 
 
 def _wheel(urdf: UrdfFile, joint: Any) -> _Wheel:
     """Return the wheel that turns with a joint, as its collision shapes define it."""
-    shapes: List[Array] = []
+    shapes = []
     collision_count = 0
     for link_name in urdf.parts(joint):
         shapes += urdf.shapes(link_name)
@@ -300,9 +298,7 @@ def _extent(shapes: List[Array]) -> Tuple[Array, Array]:
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
-def _body(
-    urdf: UrdfFile, joints: List[Any], footprint: np.ndarray, description: Description
-) -> None:
+def _body(urdf: UrdfFile, joints: List[Any], footprint: Array, description: Description) -> None:
     """Fill the section body with the bounds of the fixed collision shapes above the axles.
 
     If they reach down to the ground, propose these bounds; if they are unusable, the footprint's
@@ -322,6 +318,7 @@ def _body(
     lowest, highest = _extent(shapes)
     lowest_bottom = axle_height - base.get("wheel_radius", inf) + CLEARANCE_M
     reaches_ground = False
+    centre = ((lowest + highest) / 2)[:2].tolist()
     # A box that is too large stops the robot at doors, one that is too small lets it touch.
     if urdf.lost:
         mesh_names = ", ".join(sorted(urdf.lost))
@@ -335,7 +332,7 @@ def _body(
         reaches_ground = True
     else:
         body["size"] = (highest - lowest).tolist()
-        body["centre"] = ((lowest + highest) / 2)[:2].tolist()
+        body["centre"] = centre
         body["bottom"] = float(lowest[2])
         if geometry.is_oval(np.concatenate(shapes)[:, :2]):
             body["round"] = True
@@ -353,7 +350,7 @@ def _body(
         origin = "bounds of the fixed collision shapes, which may include casters"
         bottom = round(float(lowest_bottom), 3)
         length, width, _ = (highest - lowest).tolist()
-        body["centre"] = ((lowest + highest) / 2)[:2].tolist()
+        body["centre"] = centre
         description.hints["body", "size"] = [length, width, float(highest[2]) - bottom], origin
         description.hints["body", "bottom"] = bottom, origin
         _note_excluded_links(urdf, joints, description.notes)
@@ -375,9 +372,7 @@ def _note_excluded_links(urdf: UrdfFile, joints: List[Any], notes: List[str]) ->
         notes.append(f"the outline excludes moving links: {', '.join(excluded_links)}")
 
 
-def _masses(
-    urdf: UrdfFile, joints: List[Any], hints: Dict[Tuple[str, str], Tuple[Any, str]]
-) -> None:
+def _masses(urdf: UrdfFile, joints: List[Any], hints: Hints) -> None:
     """Propose the masses in the URDF for a driven wheel and for everything else."""
     body_links = set(urdf.links)
     wheel_masses = []
@@ -479,7 +474,7 @@ def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
         first_angle = numbers["first_angle"]
         last_angle = numbers["last_angle"]
         numbers.update(first_angle=-last_angle, last_angle=-first_angle)
-    values: Dict[str, Any] = {}
+    values = {}
     for field_name, number in numbers.items():
         if isfinite(number):
             values[field_name] = int(number) if field_name == "beams" else number

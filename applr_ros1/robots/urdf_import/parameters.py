@@ -11,10 +11,11 @@ import os
 import re
 from dataclasses import dataclass, field
 from math import nan
-from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Set, Tuple
+from typing import Dict, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
@@ -27,7 +28,7 @@ from applr_ros1.planner.parameters.layers import (
     layers,
     observation_sources,
 )
-from applr_ros1.planner.parameters.trees import branch, merged
+from applr_ros1.planner.parameters.trees import Tree, branch, merged
 from applr_ros1.robots.check import crossing_outlines
 from applr_ros1.robots.parameter_files import (
     PLACES,
@@ -82,9 +83,9 @@ class Parameters:
     """
 
     files: List[Tuple[str, str]] = field(default_factory=list)
-    tree: Dict[str, Any] = field(default_factory=dict)
-    full: Dict[str, Any] = field(default_factory=dict)
-    added: Dict[str, Any] = field(default_factory=dict)
+    tree: Tree = field(default_factory=dict)
+    full: Tree = field(default_factory=dict)
+    added: Tree = field(default_factory=dict)
     limits: Dict[str, float] = field(default_factory=dict)
     wheels: List[StatedWheels] = field(default_factory=list)
     notes: List[str] = field(default_factory=list)
@@ -106,11 +107,11 @@ class Parameters:
         return frames
 
     @property
-    def planner(self) -> Dict[str, Any]:
+    def planner(self) -> Tree:
         """Values of the local planner in the files."""
         return branch(self.tree, namespace(str(self.full["base_local_planner"])))
 
-    def outline(self) -> np.ndarray:
+    def outline(self) -> Array:
         """Return the unpadded footprint (n, 2) [m] in the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
@@ -129,12 +130,12 @@ class Parameters:
         for costmap in COSTMAPS:
             yield from observation_sources(costmap, self.full[costmap])
 
-    def scans(self) -> List[Dict[str, Any]]:
+    def scans(self) -> List[Tree]:
         """Return the values of the laser scans among the observation sources."""
         sections = [source.values for source in self.sources()]
         return [values for values in sections if values["data_type"] == "LaserScan"]
 
-    def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
+    def one_scan(self, topic: str) -> Tuple[Tree, Set[str]]:
         """Return the changes for a simulated robot with the laser scan on `topic` alone.
 
         Returns:
@@ -152,7 +153,7 @@ class Parameters:
             else:
                 other_topics.setdefault(source.layer, []).append(source_topic)
         # A simulated robot has one laser: a layer would wait for its other sources.
-        changes: Dict[str, Any] = {}
+        changes: Tree = {}
         for layer in sorted(other_topics):
             list_owner = layer.partition("/")[0]
             # Without the list `plugins`, C++ reads the sources of all layers at the costmap.
@@ -162,7 +163,7 @@ class Parameters:
             section["observation_sources"] = " ".join(kept_sources[layer])
         return changes, set().union(*other_topics.values())
 
-    def without_map(self, odom: str, size: int) -> Dict[str, Any]:
+    def without_map(self, odom: str, size: int) -> Tree:
         """Return the changes for a course without a map.
 
         There, the laser fills an empty costmap in the frame `odom`.
@@ -171,7 +172,7 @@ class Parameters:
             odom: Name of the odometry frame.
             size: Width and height of the global costmap [m].
         """
-        changes: Dict[str, Any] = {}
+        changes = {}
         for costmap in COSTMAPS:
             change = self._costmap_without_map(costmap, odom)
             # A course begins at the origin of the odometry, in the middle of a fixed costmap.
@@ -184,10 +185,10 @@ class Parameters:
             changes["NavfnROS"] = {"allow_unknown": True}  # All space is unknown at first.
         return changes
 
-    def _costmap_without_map(self, costmap: str, odom: str) -> Dict[str, Any]:
+    def _costmap_without_map(self, costmap: str, odom: str) -> Tree:
         """Return the changes of a costmap: the odometry's frame, and no layers with a map."""
         costmap_values = branch(self.tree, costmap)
-        change: Dict[str, Any] = {}
+        change: Tree = {}
         # costmap_2d's default is the frame "map".
         if costmap_values.get("global_frame", "map") != odom:
             change["global_frame"] = odom
@@ -204,7 +205,7 @@ class Parameters:
                     change["plugins"].append(entry)
         return change
 
-    def _local_obstacle_layers(self) -> List[Dict[str, Any]]:
+    def _local_obstacle_layers(self) -> List[Tree]:
         """Return the entries in `plugins` of the local costmap's layers that have sources."""
         sources = observation_sources("local_costmap", self.full["local_costmap"])
         layer_paths = {source.layer for source in sources}
@@ -228,8 +229,8 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
             planner refuses the values, or a footprint crosses itself.
     """
     parameters = Parameters()
-    controllers: List[Dict[str, Any]] = []
-    contents: List[_Content] = []
+    controllers = []
+    unread = {}  # names that may be of no use, by file
     for specification in specifications:
         file_path, _, namespace_below = specification.partition(":")
         # A namespace may be given as it stands in a launch file or on the parameter server.
@@ -241,14 +242,14 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
             check_resolved(controller, file_path)
         values = of_move_base(content, file_path)
         if not namespace_below:
-            contents.append(_Content(file_path, content, [values, *file_controllers]))
+            unread[file_path] = _unread_in(content, values, file_controllers)
         has_move_base = bool(set(values) & {*_NAMES[""], *NAMESPACES})
         if file_controllers and not has_move_base:
             continue  # The file has a controller alone.
         _check_namespace(file_path, namespace_below, values)
         parameters.files.append((file_path, namespace_below))
         # As for roslaunch, later files override earlier ones.
-        tree: Dict[str, Any] = {}
+        tree: Tree = {}
         branch(tree, namespace_below, create=True).update(values)
         parameters.tree = merged(parameters.tree, tree)
     for error_message in too_deep(parameters.tree):
@@ -273,57 +274,48 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
     for error_message in crossing_outlines(parameters.full):
         raise ApplrError(error_message)
     unused_parts = []
-    for file_content in contents:
-        unused_names = list(file_content.unused({*_NAMES[""], *parameters.full}))
+    known_names = {*_NAMES[""], *parameters.full}
+    for file_path, names in unread.items():
+        unused_names = [name for name in names if name not in known_names]
         if unused_names:
-            file_name = os.path.basename(file_content.path)
-            unused_parts.append(f"{', '.join(unused_names)} in {file_name}")
+            unused_parts.append(f"{', '.join(unused_names)} in {os.path.basename(file_path)}")
     if unused_parts:
         parameters.notes.append(f"not used: {'; '.join(unused_parts)}")
     return parameters
 
 
-class _Content(NamedTuple):
-    """Content of one file: its path, all nested values, and the sections that are read."""
+def _unread_in(content: Tree, values: Tree, controllers: List[Tree]) -> List[str]:
+    """Return the paths of the largest parts of a file without parameters of move_base.
 
-    path: str
-    tree: Dict[str, Any]
-    read_sections: List[Dict[str, Any]]
-
-    def unused(self, known_names: Set[str]) -> Iterator[str]:
-        """Yield the paths of the largest parts from which nothing is taken.
-
-        known_names: Names that move_base reads in its namespace.
-        """
-        values, *controllers = self.read_sections
-        if values is not self.tree:
-            yield from _parts_without(self.tree, self.read_sections)
-        for name in _parts_without(values, controllers):
-            if name not in known_names:
-                yield name
+    Args:
+        content: All that the file holds.
+        values: The level of move_base in it.
+        controllers: Sections of base controllers, which are read.
+    """
+    read_ids = {id(section) for section in controllers}
+    names = []
+    if values is not content:
+        names += _unread(content, read_ids | {id(values)})
+    if id(values) not in read_ids:
+        names += _unread(values, read_ids)
+    return names
 
 
-def _parts_without(tree: Dict[str, Any], sections: List[Dict[str, Any]]) -> Iterator[str]:
-    """Yield the paths of the largest parts of a tree that have none of some sections."""
-    if any(tree is section for section in sections):
-        return
+def _unread(tree: Tree, read_ids: Set[int]) -> List[str]:
+    """Return the paths of the largest parts of a tree that have none of the sections read."""
+    names = []
     for name, value in tree.items():
-        is_section = isinstance(value, dict)
-        if is_section and _has(value, sections):
-            for inner_name in _parts_without(value, sections):
-                yield f"{name}/{inner_name}"
+        if id(value) in read_ids:
+            continue
+        inner_names = _unread(value, read_ids) if isinstance(value, dict) else []
+        if not isinstance(value, dict) or inner_names == list(value):
+            names.append(name)
         else:
-            yield name
+            names += [f"{name}/{inner_name}" for inner_name in inner_names]
+    return names
 
 
-def _has(tree: Dict[str, Any], sections: List[Dict[str, Any]]) -> bool:
-    """Return whether a tree is one of some sections, or has one of them below it."""
-    subsections = [value for value in tree.values() if isinstance(value, dict)]
-    is_section = any(tree is section for section in sections)
-    return is_section or any(_has(subsection, sections) for subsection in subsections)
-
-
-def _check_namespace(path: str, namespace_below: str, values: Dict[str, Any]) -> None:
+def _check_namespace(path: str, namespace_below: str, values: Tree) -> None:
     """Raise ApplrError if a file of a costmap or local planner is given without its namespace."""
     if namespace_below:
         return
@@ -339,7 +331,7 @@ def _check_namespace(path: str, namespace_below: str, values: Dict[str, Any]) ->
             )
 
 
-def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+def _controllers(tree: Tree) -> Iterator[Tree]:
     """Yield the sections that belong to a controller of a base, or have its limits."""
     for value in tree.values():
         if not isinstance(value, dict):
@@ -351,12 +343,12 @@ def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
             yield from _controllers(value)
 
 
-def _is_diff_drive_base(controller: Dict[str, Any]) -> bool:
+def _is_diff_drive_base(controller: Tree) -> bool:
     """Return whether a section belongs to a robot_controllers/DiffDriveBaseController."""
     return "DiffDriveBaseController" in str(controller.get("type"))
 
 
-def _wheels(controller: Dict[str, Any]) -> StatedWheels:
+def _wheels(controller: Tree) -> StatedWheels:
     """Return what a controller's file states about the driven wheels."""
     sides = {}
     for side in ("left", "right"):
@@ -374,9 +366,9 @@ def _wheels(controller: Dict[str, Any]) -> StatedWheels:
     return StatedWheels("the controller's file", sides, *lengths)
 
 
-def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
+def _limits(controller: Tree) -> Dict[str, float]:
     """Return the limits of a controller, by field of robot.yaml's section base."""
-    limits: Dict[str, float] = {}
+    limits = {}
     if _is_diff_drive_base(controller):
         for field_name, (parameter_name, default) in DIFF_DRIVE_BASE.items():
             limit = number_at(controller, "", (parameter_name,))

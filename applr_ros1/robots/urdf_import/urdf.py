@@ -11,7 +11,6 @@ import multiprocessing
 import os
 import re
 import resource
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Set, Tuple
 
@@ -22,13 +21,14 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import plain_xml, read_bytes, reading
 from applr_ros1.robots.file_kinds import URDF, kind_of
-from applr_ros1.robots.urdf_import.xml_checks import shape_problem, tree_problem
 
 BASES = ("base_link", "base_footprint")  # usual names of a base frame
 # How to get the URDF that a running robot uses
 OF_RUNNING_ROBOT = "rosparam get -p /robot_description > robot.urdf"
 EXPANSION_S = 30.0  # longest time of the expansion of a xacro file [s]
 EXPANSION_BYTES = 2 << 30  # most memory of the expansion of a xacro file
+# What to do about a file that its parser does not understand
+CHECK = "check_urdf (Debian: liburdfdom-tools) finds the error"
 _OPTENV = re.compile(r"\$\(optenv\s+(\w+)")  # a variable that xacro reads if it is set
 
 
@@ -94,28 +94,10 @@ def _variables(path: str) -> List[str]:
     """Return the optional environment variables of the last expanded xacro file, with values."""
     import xacro
 
-    names: Set[str] = set()
+    names = set()
     for xacro_file in (path, *filter(os.path.isfile, xacro.all_includes)):
         names.update(_OPTENV.findall(read_bytes(xacro_file).decode("utf-8", "replace")))
     return [f"{name} (now {os.environ.get(name, 'not set')})" for name in sorted(names)]
-
-
-@contextmanager
-def _named(path: str) -> Iterator[None]:
-    """Replace any error of a parser by one with the path.
-
-    The parsers raise various exceptions for invalid files, whose texts are about their own code.
-    """
-    try:
-        yield
-    except Exception as error:
-        place = ""
-        if isinstance(error, ElementTree.ParseError):
-            line, column = error.position
-            place = f" from line {line}, column {column + 1}"
-        raise ApplrError(
-            f"{path} is no valid URDF{place}: check_urdf (Debian: liburdfdom-tools) finds the error"
-        ) from error
 
 
 class UrdfFile:
@@ -162,7 +144,7 @@ class UrdfFile:
             urdf_text, self.variables = _expanded(path, arguments)
         else:
             urdf_text = plain_xml(content)
-        with _named(path):
+        with reading(path, CHECK):
             self.xml = ElementTree.fromstring(urdf_text)
         if not is_xacro:
             for element in self.xml.iter():
@@ -172,17 +154,18 @@ class UrdfFile:
         if self.xml.find("link") is None:
             remedy = "give a URDF, or if it only defines macros, the file that uses them"
             raise ApplrError(f"{path} has no links: {remedy}")
-        self._check_xml(base_frame)
         # yourdfpy also reads what nothing here needs: colours, which may be out of its range.
         for link in self.xml.findall("link"):
             for visual in link.findall("visual"):
                 link.remove(visual)
         # yourdfpy warns about joints that mimic others.
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)
-        with _named(path):
+        with reading(path, CHECK):
             xml_file = io.BytesIO(ElementTree.tostring(self.xml))
             self._urdf = yourdfpy.URDF.load(xml_file, load_meshes=False)
-        self.links = self._urdf.link_map
+            self.links = self._urdf.link_map
+            if len(self.links) < len(self._urdf.robot.links):
+                raise ValueError("two links have one name")
         self.joints = self._urdf.joint_map
         # A link has one parent.
         self._joint_to = {joint.child: joint for joint in self.joints.values()}
@@ -195,6 +178,7 @@ class UrdfFile:
                 "add it to the URDF with a fixed joint, or set robot_base_frame: "
                 f"{advised_name} in a copy of the parameter file"
             )
+        self._check_connected()
         # Joints above the base frame move the robot as a whole.
         above_base = {joint.name for joint in self._above(base_frame)}
         self.moving: Dict[str, List[Any]] = {}
@@ -204,14 +188,13 @@ class UrdfFile:
                 if joint.type != "fixed" and joint.name not in above_base:
                     self.moving[link_name].append(joint)
 
-    def _check_xml(self, base_frame: str) -> None:
-        """Raise ApplrError if a collision has no shape, or if the links do not form one tree."""
-        problem = shape_problem(self.xml)
-        if problem:
-            raise ApplrError(f"{self.path}: {problem}: add its <geometry>, or remove it")
-        problem = tree_problem(self.xml, base_frame)
-        if not problem:
+    def _check_connected(self) -> None:
+        """Raise ApplrError if joints do not connect all links to the base frame."""
+        root = self._root(self.base)
+        loose_links = [link for link in self.links if self._root(link) != root]
+        if not loose_links:
             return
+        problem = f"no joint connects {', '.join(loose_links)} to {self.base}"
         remedy = "correct the joints in a copy of the file"
         if self.path.endswith(".xacro"):
             remedy = "give arguments as NAME:=VALUE, as the robot's launch file does"
@@ -221,9 +204,17 @@ class UrdfFile:
             remedy += f", or give the URDF of the running robot: {OF_RUNNING_ROBOT}"
         raise ApplrError(f"{self.path}: {problem}: {remedy}")
 
+    def _root(self, link: str) -> str:
+        """Return the link at the upper end of the joints above a link."""
+        for joint in self._above(link):
+            link = joint.parent
+        return link
+
     def _above(self, link: str) -> Iterator[Any]:
-        """Yield the joints from a link to the root."""
-        while link in self._joint_to:
+        """Yield the joints from a link to the root, at most all of them: a ring has no root."""
+        for _ in self.joints:
+            if link not in self._joint_to:
+                break
             yield self._joint_to[link]
             link = self._joint_to[link].parent
 

@@ -14,7 +14,7 @@ import yaml
 
 from applr_ros1.planner.parameters.trees import merged
 from applr_ros1.robots.robot import Monitoring, RobotFile, number_at
-from applr_ros1.robots.urdf_import.description import Description
+from applr_ros1.robots.urdf_import.description import Description, Hints
 from applr_ros1.robots.urdf_import.parameters import Parameters
 
 # Limits in the section base, and the corresponding decelerations in the section monitor
@@ -68,7 +68,7 @@ def robot_yaml(
     values: Mapping[str, Mapping[str, Any]],
     world_scale: float,
     move_base: Mapping[str, Any],
-    hints: Mapping[Tuple[str, str], Tuple[Any, str]],
+    hints: Hints,
 ) -> Tuple[str, List[str]]:
     """Return the text of robot.yaml, and a line for each value to fill in.
 
@@ -136,7 +136,7 @@ def _asked(section: str, known: Mapping[str, Any]) -> Dict[str, Any]:
 
 def flow(value: Any) -> str:
     """Return a value as YAML on one line."""
-    yaml_text: str = yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
+    yaml_text = yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
     # YAML ends a document that is a scalar with "...".
     return yaml_text.partition("\n...")[0].strip()
 
@@ -234,9 +234,9 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
     return copy_paths
 
 
-def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
+def limits(planner: Dict[str, Any]) -> Hints:
     """Return the local planner's limits as proposals for the base's, which are not lower."""
-    hints: Dict[Tuple[str, str], Tuple[Any, str]] = {}
+    hints = {}
     for limit_field, parameter_names in (
         ("max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
         ("max_yaw_rate", ("max_vel_theta", "max_rot_vel")),

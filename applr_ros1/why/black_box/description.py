@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import reading
@@ -17,7 +17,7 @@ from applr_ros1.drives.columns import TopicNames, topic_of
 from applr_ros1.drives.received import TopicSource
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP
-from applr_ros1.planner.parameters.trees import branch
+from applr_ros1.planner.parameters.trees import Tree, branch
 from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from applr_ros1.robots.folder import content_of, described
 from applr_ros1.robots.robot import MoveBaseSetup
@@ -123,7 +123,7 @@ def described_by(text: str, bag_name: str) -> DescribedRobot:
         raise ApplrError(f"{bag_name}: {problem}: give the robot as --robot") from None
 
 
-def driving(robot: Robot, tree: Dict[str, Any]) -> Robot:
+def driving(robot: Robot, tree: Tree) -> Robot:
     """Return a described robot with the parameters with which its move_base runs."""
     controllers = tree.get("controllers")
     if "base_local_planner" not in tree and controllers:
@@ -133,7 +133,7 @@ def driving(robot: Robot, tree: Dict[str, Any]) -> Robot:
     return replace(robot, move_base=MoveBaseSetup(tree), uses_map=False, is_running=True)
 
 
-def unknown_robot(tree: Dict[str, Any]) -> Robot:
+def unknown_robot(tree: Tree) -> Robot:
     """Return a robot of which only the parameters of move_base are known.
 
     Its frames and its size follow from them; everything else is the Jackal's, which no replay
@@ -151,7 +151,7 @@ def unknown_robot(tree: Dict[str, Any]) -> Robot:
     )
 
 
-def _scale(costmap: Dict[str, Any]) -> float:
+def _scale(costmap: Tree) -> float:
     """Return the size of a robot relative to the Jackal, by the footprint of its costmap."""
     values = {parameter.name: parameter.default for parameter in COSTMAP}
     values.update(costmap)

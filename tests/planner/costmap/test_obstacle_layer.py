@@ -57,12 +57,6 @@ def test_ranges_within_the_limits_are_kept():
     np.testing.assert_allclose(distances(cloud), [0.1, 29.99, 5.0], rtol=1e-6)
 
 
-def test_infinite_ranges_are_used_if_they_are_declared_valid():
-    cloud = project(scan([INF, -INF, math.nan, 5.0]), inf_is_valid=True)
-    # As in C++, they lie a tenth of a millimetre within range_max.
-    assert distances(cloud) == pytest.approx([30.0 - 0.0001, 5.0])
-
-
 def test_a_scan_without_ranges_has_no_points():
     assert len(project(scan([], (1.0, 2.0, 3.0))).points) == 0
 

@@ -3,8 +3,6 @@
 Golden vectors are in test_golden.py.
 """
 
-import math
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,6 @@ from applr_ros1.planner.search.arcs import arc_from, pose_after
 from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.planner.trajectory.records import STATE
-from tests.planner.replay_golden import sampled_window
 from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
 from tests.support.scenes import open_map
 
@@ -59,16 +56,6 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
         assert np.allclose(end_on_arc[:2], end_of_steps[:2], rtol=0, atol=1e-11)
 
 
-def test_one_sample_is_one_value():
-    """C++ divides by zero. This package's planner does not, but chooses the same velocity."""
-    planner = make_planner(vx_samples=0, vtheta_samples=-3)
-    result = planner.find_best_path(open_map(), ORIGIN, (0.3, 0, 0.1))
-    window = sampled_window(planner, np.array(PLAN))
-    assert result.cost >= 0
-    assert all(map(math.isfinite, window.values()))
-    assert window["dvx"] == window["dvtheta"] == 0
-
-
 def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     resolution = 0.1
     costmap = open_map(resolution=resolution)
@@ -107,16 +94,6 @@ def test_heading_scoring_samples_by_time_whatever_the_speed():
     # By distance, a turn on the spot needs as many steps as its granularity asks.
     planner = make_planner(sim_time=1.5, sim_granularity=0.04)
     assert scoring.step_count(planner.in_force, Velocity(2.0, 0.0, 0.0)) == 75
-
-
-@pytest.mark.parametrize(("cost", "is_legal"), [(252, True), (253, False)])
-def test_of_a_footprint_without_an_area_the_cell_under_the_centre_counts(cost, is_legal):
-    planner = TrajectoryPlanner(np.zeros((0, 2)), PARAMS, meter_scoring=True)
-    planner.set_plan(np.array(PLAN))
-    costmap = open_map()
-    costmap.cells[:] = cost
-    # Without a legal way ahead, the planner backs out.
-    assert (planner.find_best_path(costmap, ORIGIN, DRIVING).vx > 0.0) == is_legal
 
 
 def test_a_map_of_another_size_is_adopted():
@@ -183,29 +160,6 @@ def test_refusals_count_the_rejected_samples_by_reason():
     costmap.cells[:, 112] = LETHAL
     # Then: no sample has a way to the goal
     assert refusals() == {"samples": 8, "obstacle": 0, "path or goal": 8}
-
-
-@pytest.mark.parametrize(
-    ("target", "expected"),
-    [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)],
-)
-def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(
-    target, expected
-):
-    """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
-    x = y = 0.025  # the centre of cell (0, 0)
-    theta = 0.7
-    scene = scoring.TrajectoryScene(
-        cells=np.zeros((40, 40), np.uint8),
-        ox=0.0,
-        oy=0.0,
-        resolution=0.05,
-        footprint=np.zeros((0, 2)),
-        lines=np.zeros((1, 1, 1), np.int32),
-        plan=np.array([(x, y, 0.0), (*target, 0.0)]),
-    )
-    difference = scoring.heading_difference_of(scene, 0, 0, x, y, theta)
-    assert difference == pytest.approx(expected)
 
 
 def test_an_escape_can_be_ended():

@@ -186,6 +186,8 @@ def test_why_drives_a_part_of_the_list_that_check_drives_in_its_order(most, monk
     monkeypatch.setattr(remedies, "CANDIDATES", most)
     robot = planner_of_burger(goal_distance_bias=0.5, sim_time=0.1)
     unusual, others = candidates_of(robot)
+    # An unusual value is replaced by usual ones alone, so that what helps names the cause.
+    assert not any("sim_time" in candidate.names for candidate in others)
     guesses = []
     for candidate in (others[9], others[3], others[5]):
         # The replay knows other values before the changes.
@@ -211,8 +213,11 @@ def test_a_slowest_speed_above_the_fastest_one_is_lowered_below_it():
     crossed = Change("DWAPlannerROS", "max_vel_trans", 0.22, 0.08)
     lowered = Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04)
     crossed_robot = with_changes(BURGER, [crossed], "crossed")
-    assert Candidate((lowered,)) in candidates_of(crossed_robot).unusual
-    assert Candidate((lowered,)) not in candidates_of(BURGER).unusual
+    cause = Candidate((lowered,), replaces_unusual=True)
+    assert cause in candidates_of(crossed_robot).unusual
+    # A sound robot has no unusual value that could be a cause.
+    assert candidates_of(BURGER).unusual == []
+    assert not any(candidate.replaces_unusual for candidate in candidates_of(BURGER).others)
 
 
 def in_both(servers, name, before, after):
@@ -247,6 +252,7 @@ def test_the_outline_of_the_body_takes_the_place_of_a_larger_footprint():
     robot = with_changes(BURGER, FAULTS["footprint"], "burger with a fault")
     candidate, *_ = all_candidates(robot)
     assert str(candidate) == "footprint -> the outline of the body, 0.14 x 0.18 m"
+    assert candidate.before == "footprint"
     for change in candidate.changes:
         corners = np.array(yaml.safe_load(change.after))
         assert np.ptp(corners, axis=0) == pytest.approx((0.14, 0.18), abs=0.005)
@@ -287,10 +293,9 @@ def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candi
 def test_a_usual_window_is_not_tried():
     """The Jackal's local costmap of 10 m is large enough, as one of 3 m is for a Burger."""
 
-    def names_of(robot):
-        return [candidate.names for candidate in all_candidates(robot)]
-
     window = {"local_costmap": {"width": 3.0, "height": 3.0}}
     small_window = JACKAL.with_parameters(window, "jackal with a small window")
-    assert ["width", "height"] in names_of(small_window)
-    assert ["width", "height"] not in names_of(JACKAL) + names_of(BURGER)
+    words = {str(candidate): candidate.before for candidate in all_candidates(small_window)}
+    assert words["local costmap 3 x 3 -> 6 x 6 m"] == "local costmap 3 x 3"
+    for candidate in [*all_candidates(JACKAL), *all_candidates(BURGER)]:
+        assert candidate.names != ["width", "height"]

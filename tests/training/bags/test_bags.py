@@ -562,14 +562,6 @@ def test_a_bag_that_rosbag_has_not_finished_says_how_to_mend_it(tmp_path):
         read(tmp_path / "drive.bag")
 
 
-def test_a_bag_without_messages_says_so(tmp_path):
-    bag_path = tmp_path / "nothing.bag"
-    with Writer(bag_path):
-        pass
-    with pytest.raises(BagError, match="nothing.bag: the bag holds no messages; record"):
-        read(bag_path)
-
-
 def test_code_in_a_message_definition_is_not_run(tmp_path):
     """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
@@ -944,7 +936,6 @@ def assert_same(rebuilt, expected):
     """Compare transitions field by field. A beam between two steps of the scan's resolution may
     differ by one step.
     """
-    assert len(rebuilt) == len(expected)
     assert rebuilt.terminated == expected.terminated
     difference = rebuilt.scan.astype(int) - expected.scan
     assert np.abs(difference).max() <= 1
@@ -998,12 +989,10 @@ def test_a_recorded_drive_equals_the_environments_transitions(
 @pytest.mark.parametrize(
     ("command", "arguments", "named"),
     [
-        (appld, ["x.bag", "--out", "x.safetensors", "--seed", "-1"], "--seed"),
         (appld, ["nowhere.bag", "--out", "x.safetensors"], "nowhere.bag"),
         (bags_to_dataset, ["x.bag"], "--out"),
         (bags_to_dataset, ["nowhere.bag", "--out", "out"], "nowhere.bag"),
         (bags_to_dataset, ["x.bag", "--out", "out", "--recipe", "none"], "none"),
-        (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
         (tune_robot, ["jackal", "--minutes", "0"], "--minutes"),
     ],
 )

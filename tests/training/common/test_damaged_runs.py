@@ -56,7 +56,7 @@ def is_read(folder):
     results = Results(folder)
     with TrialTable(folder, {}):
         pass
-    rounds = PeriodicEvaluation(folder, [], 1, 0).history
+    rounds = PeriodicEvaluation(folder, [], 1, 0, True).history
     episodes = list(dataset.Dataset(folder).trajectories())
     return bool(results.worlds and rounds and episodes and learner(folder).replay.written)
 
@@ -65,7 +65,7 @@ READERS = {
     "evaluation.json": Results,
     "trials.csv": Results,
     TRACE: lambda folder: read_trace(folder, "w", "m", 0),
-    "evaluations.jsonl": lambda folder: PeriodicEvaluation(folder, [], 1, 0),
+    "evaluations.jsonl": lambda folder: PeriodicEvaluation(folder, [], 1, 0, True),
     "config.json": lambda folder: parse(["--resume", "--out", str(folder)]),
     "data/metadata.json": dataset.Dataset,
     EPISODES: lambda folder: list(dataset.Dataset(folder).trajectories()),

@@ -5,7 +5,6 @@ evaluate.py.
 import math
 import shutil
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from tests.support.runs import SETTINGS
 from training.env.env import ApplrEnv
 from training.env.settings import TrialSettings
 from training.evaluate import runner, score
-from training.evaluate.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.evaluate.periodic import CHOOSING, PeriodicEvaluation
 from training.evaluate.stored import Results
 from training.evaluate.table import TrialTable
 from training.evaluate.trial import POLICY, Result, Trial, plan_trials
@@ -161,15 +160,8 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
         assert task == trial
         return result, b""
 
-    periodic = PeriodicEvaluation(tmp_path, worlds, 100, 3)
-    line = periodic.drive(
-        THETA0,
-        Pool(0),
-        run,
-        b"",
-        step=0,
-        version=0,
-    )
+    periodic = PeriodicEvaluation(tmp_path, worlds, 100, 3, has_start=False)
+    line = periodic.drive(0, Pool(0), run, b"", step=0, version=0)
     assert line["score"] == pytest.approx(result.time_s, abs=1e-4)
     assert line["score"] < 100.0
 
@@ -276,37 +268,3 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
         hashes.append(runner.content(load(str(folder))))
     assert hashes[0] == runner.content(JACKAL)
     assert len(set(hashes)) == 3
-
-
-def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
-    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 100, 0)
-    # (step, whether it is the run's last one, number of the evaluation that is due): theta_0 at the
-    # beginning, one every 100 steps, and one at the end
-    due_evaluations = (
-        (0, False, THETA0),
-        (0, True, None),
-        (130, False, 1),
-        (170, False, None),
-        (170, True, 1),
-    )
-    for step, is_last, number in due_evaluations:
-        assert periodic.due(step, is_last) == number
-        if number is None:
-            continue
-        result = Result(True, time_s=1.0 + step), b""
-        line = periodic.drive(
-            number,
-            Pool(0),
-            partial(lambda result, trial, weights: result, result),
-            b"%d" % step,
-            step=step,
-            version=0,
-        )
-        assert line["score"] == 1.0 + step
-    assert periodic.due(170, True) is None
-
-    # Without an evaluation of theta_0
-    without_default = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
-    assert without_default.due(0, default=False) is None
-    assert without_default.due(99, default=False) is None
-    assert without_default.due(100, default=False) == 1

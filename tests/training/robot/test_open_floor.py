@@ -163,20 +163,6 @@ def scaled_footprint(robot, factor):
     return robot.with_parameters(costmaps, f"{robot.name} with {factor} times its footprint")
 
 
-@pytest.mark.heavy
-def test_a_footprint_three_times_as_large_does_not_pass_the_door():
-    *_, door_course = courses(BURGER)
-    assert drives(scaled_footprint(BURGER, 3.0), [door_course]) == [False]
-
-
-@pytest.mark.heavy
-def test_a_door_that_is_too_narrow_is_not_passed(monkeypatch):
-    # The course itself must be able to fail: this door is 5 cm narrower than the footprint.
-    monkeypatch.setattr(open_floor, "DOOR_MARGIN_M", -0.05)
-    *_, door_course = courses(BURGER)
-    assert drives(BURGER, [door_course]) == [False]
-
-
 # -- remedies
 def propose(monkeypatch, candidates):
     """Let these candidates be all that could be set in any robot."""

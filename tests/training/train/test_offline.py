@@ -190,16 +190,6 @@ def test_an_offline_run_says_how_much_was_driven_and_shows_no_empty_figures(
     assert "actors" not in printed.err
 
 
-@pytest.mark.fault("18b")
-def test_a_run_with_a_dataset_that_does_not_fit_leaves_no_folder(tmp_path, capsys):
-    toys = write(tmp_path / "toys", {"decision_period": 1.0})
-    arguments = toy(tmp_path / "run", "--dataset", toys)
-    one_line(capsys, arguments, "decision_period is 0.5, but")
-    assert not (tmp_path / "run").exists()
-    arguments = toy(tmp_path / "run", "--dataset", tmp_path / "absent")
-    one_line(capsys, arguments, f"{tmp_path}/absent: no dataset there; .* bags_to_dataset")
-
-
 def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
     arguments = toy(tmp_path / "run", "--dataset", data, "--gradient-steps", "60")
     broken = functools.partial(main, env=Broken)

@@ -29,7 +29,6 @@ from training.train.td3.td3 import ACTOR_LR, CRITIC_WARM_UP, TAU
         ),
         (["--worlds", "generated:900"], "generated:900"),
         (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a range"),
-        (["--planner", "theirs"], "argument --planner: invalid choice: 'theirs'"),
         (["--dataset", "/nowhere"], "/nowhere: no dataset there"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--recipe", "offline"], "learns offline: give a --dataset"),
@@ -47,19 +46,14 @@ def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_pa
     assert not (tmp_path / "run").exists()
 
 
-def test_a_start_that_is_refused_makes_no_run_of_several_seeds(tmp_path, capsys):
-    several_seeds = toy(tmp_path / "run", "--seeds", "2", *NO_EVALUATION)
-    refused_start = [*several_seeds, "--init-from", "nope.safetensors"]
+@pytest.mark.parametrize("seeds", [[], ["--seeds", "2"]], ids=["one seed", "two seeds"])
+def test_a_start_that_is_refused_leaves_the_folder_as_it_is(tmp_path, capsys, seeds):
+    (tmp_path / "notes.txt").write_text("mine")
+    refused_start = toy(tmp_path, *seeds, "--init-from", "nope.safetensors", *NO_EVALUATION)
     # The same command says the same again, not that there is a run already.
     for _ in range(2):
         one_line(capsys, refused_start, "nope.safetensors: cannot be read", train.main)
-    assert not list((tmp_path / "run").iterdir())
-
-
-def test_a_start_that_is_refused_leaves_the_files_of_an_existing_folder(tmp_path, capsys):
-    (tmp_path / "notes.txt").write_text("mine")
-    refused_start = toy(tmp_path, "--init-from", "nope.safetensors", *NO_EVALUATION)
-    one_line(capsys, refused_start, "nope.safetensors: cannot be read", train.main)
+    assert not [path for path in tmp_path.iterdir() if path.is_dir()]
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
@@ -181,25 +175,25 @@ def test_a_run_that_takes_over_a_policy_drives_with_its_other_values(tmp_path, i
     assert environment["obstacle_range"] == 4.0
 
 
-def test_the_frame_of_the_costmaps_is_a_condition_that_a_resumed_run_keeps(tmp_path):
-    stored = {"out": str(tmp_path), "monitor": True}
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--recipe jackal",
+        "--net-arch 64",
+        # The problem whose rewards it has stored
+        "--decision-period 0.5",
+        "--failure-seconds 0.5",
+        # The conditions of its evaluations
+        "--matched",
+    ],
+)
+def test_a_resumed_run_keeps_its_stored_options(option, tmp_path):
+    stored = {"out": str(tmp_path), "recipe": "paper", "monitor": True, "matched": False}
+    (tmp_path / "config.json").write_text(json.dumps(stored))
     resume = ["--resume", "--out", str(tmp_path)]
-    for matched, opposite in ((True, "--no-matched"), (False, "--matched")):
-        (tmp_path / "config.json").write_text(json.dumps({**stored, "matched": matched}))
-        assert parse(resume).matched == matched
-        with pytest.raises(ApplrError, match="matched: the run in .* has another value"):
-            parse([*resume, opposite])
-
-
-@pytest.mark.parametrize("option", ["--decision-period", "--failure-seconds"])
-def test_a_resumed_run_keeps_the_problem_whose_rewards_it_has_stored(option, tmp_path):
-    (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path)}))
-    with pytest.raises(ApplrError, match=f"{option[2:]}: the run in .* has another value"):
-        parse(["--resume", "--out", str(tmp_path), option, "0.5"])
-
-
-def test_a_resumed_run_has_its_stored_options(tmp_path):
-    (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path), "recipe": "paper"}))
-    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).along_y is False
-    with pytest.raises(ApplrError, match="recipe: the run in .* has another value"):
-        parse(["--resume", "--recipe", "jackal", "--out", str(tmp_path)])
+    config = parse([*resume, "--recipe", "paper"])
+    assert not config.along_y
+    assert not config.matched
+    name, *values = option.split()
+    with pytest.raises(ApplrError, match=f"{name}: the run in .* cannot be changed"):
+        parse([*resume, name, *values])

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -45,7 +46,7 @@ def rounds_of(run):
 
 
 def numbers_of(rounds):
-    """Return the numbers of rounds; -1 is that of the default parameters."""
+    """Return the numbers of rounds; 0 is the one before learning."""
     return [recorded["round"] for recorded in rounds]
 
 
@@ -59,7 +60,7 @@ def whole(tmp_path_factory):
 
 def test_a_run_learns_and_writes_all_its_files(whole):
     rounds = rounds_of(whole)
-    assert numbers_of(rounds) == [-1, 1, 2, 3, 4]
+    assert numbers_of(rounds) == [0, 1, 2, 3, 4]
     first_round, *_, last_round = rounds
     assert last_round["return"] > first_round["return"] + 1.0, "the first policy stands still"
     for file_name in ("config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"):
@@ -97,7 +98,7 @@ def test_a_resumed_run_continues_with_further_episodes_and_counts_its_whole_time
     checkpoint = Learner.saved(run_folder)
     assert checkpoint["transitions"] == 600
     assert checkpoint["updates"] == 300
-    assert numbers_of(rounds_of(run_folder)) == [-1, 1, 2, 3]
+    assert numbers_of(rounds_of(run_folder)) == [0, 1, 2, 3]
     assert len(json.loads((run_folder / "config.json").read_text())["provenance"]) == 2
     assert 1 < first_count < len(numbers)
     assert numbers == list(range(len(numbers)))
@@ -164,22 +165,40 @@ def actions_in(replay):
     return sorted(row.tobytes() for row in actions)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "at_the_end"),
-    [
-        ("1", [(-1, 250), (1, 250)]),
-        ("2", [(1, 250)]),
-    ],
-)
-def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
-    seeds, at_the_end, tmp_path, monkeypatch
-):
+def test_the_last_policy_within_the_minutes_is_evaluated(tmp_path, monkeypatch):
     # The minute is over once 250 steps are driven, between two evaluations.
     monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
     run_folder = tmp_path / "run"
-    assert main(toy(run_folder, "--minutes", "1", "--seeds", seeds)) == 0
+    assert main(toy(run_folder, "--minutes", "1")) == 0
     rounds = [(recorded["round"], recorded["step"]) for recorded in rounds_of(run_folder)]
-    assert rounds == [(1, 200), *at_the_end]
+    assert rounds == [(0, 0), (1, 200), (1, 250)]
+
+
+@pytest.mark.parametrize(
+    ("init_from", "bound_share", "first_lines"),
+    [
+        ("dwa", 0.89, r"before learning: .*, the best so far\ndwa: .*: a policy has room"),
+        ("dwa", 0.92, r"before learning: .*\ndwa: .*: within a tenth, no policy is needed"),
+        ("", 0.92, r"default DWA: .*\d s\)\nDone.*"),
+    ],
+)
+def test_a_run_says_first_whether_its_parameter_set_leaves_room(
+    init_from, bound_share, first_lines, tmp_path, monkeypatch, capsys
+):
+    # Given: a bound that is this share of the time with the parameter set
+    def bound_s(world, robot):
+        (time_s,) = read_trials(tmp_path / "run/evaluation/trials.csv").time_s
+        return bound_share * time_s
+
+    monkeypatch.setattr("training.train.learner.run.bound_s", bound_s)
+    config = parse(toy(tmp_path / "run", "--total-timesteps", "20", "--init-from", init_from))
+    vars(config).update(start=(np.zeros(1) if init_from else None, {}))
+    run = toy_run(config)
+    run.preparation = dataclasses.replace(run.preparation, held_out=[("environment", "", None)])
+
+    assert run.run() == 0
+
+    assert re.match(first_lines, capsys.readouterr().out)
 
 
 # Program that saves ten times a second, so that a test need not wait for a checkpoint.
@@ -307,9 +326,6 @@ def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     networks_before = networks_of(whole)
     one_line(capsys, toy(whole), "already holds a run: continue it with --resume")
-    for option, value in (("--net-arch", "64"), ("--simulator", "pybullet")):
-        arguments = ["--resume", "--out", whole, option, value]
-        one_line(capsys, arguments, f"{option}: .* cannot be changed")
     busy_run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another ./applr train works")
     busy_run.lock.close()
@@ -357,10 +373,11 @@ def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
     one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), problem, broken)
 
 
-def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
+@pytest.mark.parametrize("has_start", [False, True])
+def test_rounds_are_continued_and_the_lowest_score_is_the_best(has_start, tmp_path):
     def evaluation():
         """Return an evaluation every 100 steps, which continues with what the folder has."""
-        return PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 100, 0)
+        return PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 100, 0, has_start)
 
     def drive(rounds, step, seconds):
         """Drive the round that is due, with trials of some duration, and return its summary."""
@@ -382,7 +399,9 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
         return summary
 
     first_session = evaluation()
-    assert drive(first_session, 0, 20.0)["round"] == -1
+    start = drive(first_session, 0, 20.0)
+    # The default parameters are no policy that a run could return.
+    assert (start["round"], start["best"]) == (0, has_start)
     summary = drive(first_session, 130, 10.0)
     assert summary["round"] == 1
     assert summary["score"] == 10.0
@@ -392,11 +411,15 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
 
     second_session = evaluation()
     assert second_session.best["step"] == 130
-    assert second_session.default["time_s"] == 20.0
+    assert second_session.history[0] == start
     assert second_session.due(299) is None
     second_session.every = 150  # A --resume has changed the interval since the earlier rounds.
     assert second_session.due(299) is None
     assert second_session.due(300) == 2
+
+    # At the end of a run, the last policy is evaluated, too.
+    assert second_session.due(209, last=True) is None
+    assert second_session.due(211, last=True) == 1
 
     summary = drive(evaluation(), 310, 100.0)
     assert summary["round"] == 3

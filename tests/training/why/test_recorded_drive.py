@@ -24,7 +24,7 @@ from applr_ros1.drives.drive import (
     Transforms,
     Verdicts,
 )
-from applr_ros1.drives.frames import Tree
+from applr_ros1.drives.frames import FrameTree
 from applr_ros1.drives.paths import path_of
 from applr_ros1.robots import JACKAL
 from applr_ros1.why import fitting
@@ -68,7 +68,7 @@ def fitted(drive):
 
 def followed(drive, tree=None):
     """Return the plans that were followed in a drive, with frames as in a tree."""
-    tree = tree or Tree(None)
+    tree = tree or FrameTree(None)
     route_frame = places.route_frame(drive, tree, drive.planned)
     return plans_of(drive, drive.planned, drive.odometry, route_frame, PLANNER)
 
@@ -228,7 +228,7 @@ def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
         followed(drive)
 
     odom_in_map = (3.0, 0.0, 0.6)
-    tree = Tree(links([(0.0, "map", "odom", odom_in_map)], is_static=True))
+    tree = FrameTree(links([(0.0, "map", "odom", odom_in_map)], is_static=True))
     plans = followed(drive, tree)
 
     # A point of the route in map lies on the plan in odom, with its heading there.
@@ -592,7 +592,7 @@ def test_a_quaternion_and_its_opposite_are_one_rotation():
     )
     # Averaged as they are, both would cancel: the yaw in between would be noise.
     transforms.place[1, 3:] *= -1.0
-    middle_place = Tree(transforms).place("odom", "base_link", np.array([0.5]))
+    middle_place = FrameTree(transforms).place("odom", "base_link", np.array([0.5]))
     assert middle_place.planar[0, 2] == pytest.approx(0.3)
 
 
@@ -607,7 +607,7 @@ def test_a_frame_is_placed_in_one_of_another_branch():
         ],
         is_static=True,
     )
-    laser_in_base = Tree(transforms).place("base", "laser", np.zeros(1))
+    laser_in_base = FrameTree(transforms).place("base", "laser", np.zeros(1))
     assert laser_in_base.planar[0] == pytest.approx(compose(inverse(base_pose), laser_pose))
 
 
@@ -782,7 +782,7 @@ def test_the_base_is_placed_by_its_own_link_and_not_by_the_more_frequent_one_of_
     rows = [(0.0, "odom", "base_link", still), (1.0, "odom", "base_link", still)]
     for time in (0.0, 0.4, 0.8):
         rows.append((time, "odom", "matched", still))
-    tree = Tree(links(rows))
+    tree = FrameTree(links(rows))
     for frame in ("odom", "matched"):
         assert tree.busiest(frame, "base_link").stamp.tolist() == [0.0, 1.0]
     assert tree.busiest("matched", "odom").stamp.tolist() == [0.0, 0.4, 0.8]

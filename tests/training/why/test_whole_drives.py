@@ -53,6 +53,7 @@ SPOILT = Change(PLANNER, "vx_samples", 6, 1)
 # With its own padding, a sound Jackal hesitates at the narrow door with some seeds.
 UNPADDED = [Change(costmap, "footprint_padding", 0.1, 0.01) for costmap in COSTMAPS]
 MENDED = Candidate((Change(PLANNER, "vx_samples", 1, 6),))
+CAUSE = MENDED._replace(replaces_unusual=True)
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +77,9 @@ def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
     # The laser saw the face of the wall, 0.05 m before its middle at 2.5 m.
     on_walls = np.array([(-3.0, 2.45), (-0.45, 2.45), (0.45, 2.45), (3.0, 2.45)])
     assert clearance(world, on_walls).max() < 0.03
-    # The door is 0.83 m wide.
+    # The door is 0.83 m wide, and walls do not grow.
     on_floor = np.array([(0.0, 2.5), (0.0, 1.5), (2.0, 1.0)])
-    assert clearance(world, on_floor).min() > 0.39
+    assert clearance(world, on_floor).min() > 0.41
 
 
 @pytest.mark.heavy
@@ -179,7 +180,6 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
         patient = course._replace(limit=40.0)
         trials = try_out([course_in(patient, pool)], [refused, MENDED])
 
-    assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
     assert trials.remedy.arrivals >= 5
     assert trials.recorded.arrivals == 0
@@ -237,7 +237,7 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     assert value_of(trials.remedy) == 1.0
     assert str(trials.remedy) == "arrives 6 of 6 in 15 s"
     assert seeds_of(calls, 1.5) == set(whole_drives.CHOOSING)
-    assert seeds_of(calls, 1.0) == {*whole_drives.CHOOSING, *whole_drives.CONFIRMING}
+    assert seeds_of(calls, 1.0) == {1, 2, 3, 4, 5, 6, 7, 8}
 
     # 18.5 s are less than a tenth better than 20 s.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 18.5}})
@@ -259,19 +259,21 @@ def test_it_is_said_why_the_recorded_values_cannot_be_driven():
 
 
 def test_a_candidate_whose_gain_may_be_luck_is_no_remedy(course, monkeypatch):
-    # Much faster on average, but in four of the six drives that judge not at all
-    equal = dict.fromkeys((5, 6, 7, 8), 20.0)
+    # Much faster on average, but in eight of the twelve drives that judge not at all
+    equal = dict.fromkeys((5, 6, 7, 8, 9, 10, 11, 12), 20.0)
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, **equal}})
-    assert trials_of(course, 1.0).remedy is None
+    trials = trials_of(course, 1.0)
+    assert trials.remedy is None
+    assert [str(entry) for entry in trials.judged] == ["arrives 12 of 12 in 15 s"]
 
-    # One drive as slow as before may be bad luck.
+    # One drive as slow as before may be bad luck, but two looks are two chances for good luck.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 8: 20.0}})
-    assert trials_of(course, 1.0).remedy is not None
+    assert trials_of(course, 1.0).remedy.arrivals == 12
 
 
 def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch):
-    # With 1.0 and 0.5, half of the drives that judge are slower than with the recorded values.
-    slow = dict.fromkeys((4, 5, 6), 21.0)
+    # With 1.0 and 0.5, most of the drives that judge are slower than with the recorded values.
+    slow = dict.fromkeys((4, 5, 6, 7, 9, 10, 11, 12), 21.0)
     seconds = {
         "": {0: 20.0},
         1.0: {0: 10.0, **slow},
@@ -376,6 +378,27 @@ def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_su
     assert certainty.endswith("simulated with the recorded values, the robot stops there, too.")
 
 
+@pytest.mark.parametrize(
+    ("candidate", "seen", "is_cause"),
+    [
+        (CAUSE, {}, True),
+        # Another value than a usual one may make up for the cause.
+        (MENDED, {}, False),
+        # Without the fault, the simulated robot does not stop where a silent laser stopped it ...
+        (CAUSE, {"is_outside": True, "place": (0.0, 3.0)}, False),
+        # ... but it does where the global planner finds no path.
+        (CAUSE, {"is_outside": True}, True),
+    ],
+)
+def test_the_first_line_names_an_unusual_value_that_was_driven_with_and_without(
+    replayed, candidate, seen, is_cause
+):
+    remedy = tried(candidate, 12.0, 13.0, 14.0)
+    trials = WholeDriveTrials(tried(RECORDED, 21.0, 21.0, 21.0), remedy, [remedy])
+    first_line = diagnosed(replayed, trials, **seen).first_line
+    assert first_line.endswith(" Likely cause: vx_samples 1.") == is_cause
+
+
 def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
     no_remedy = WholeDriveTrials(tried(RECORDED, 12.0), None, [tried(MENDED, 12.0)])
     change = Change(PLANNER, "sim_time", 2.0, 1.0)
@@ -419,13 +442,18 @@ def test_no_advice_rests_on_a_world_in_which_the_robot_does_not_come_as_far_as_i
 ):
     # With a metre to spare, all simulated drives end where the robot was after nine seconds.
     remedy = tried(MENDED, 12.0)
-    stays_behind = WholeDriveTrials(tried(RECORDED, 29.0, at=(0.0, 0.3)), remedy, [remedy])
+    stays_behind = WholeDriveTrials(tried(RECORDED, 29.0, at=(0.0, -2.0)), remedy, [remedy])
     comes_as_far = WholeDriveTrials(tried(RECORDED, 29.0, at=(0.0, 1.0)), remedy, [remedy])
     assert diagnosed(replayed, comes_as_far).advice[0].startswith("Try vx_samples 1 -> 6: ")
+    # It stops where the recorded robot stopped, and nowhere with the remedy.
+    at_stop = comes_as_far._replace(recorded=tried(RECORDED, 29.0, at=(0.0, 0.3)))
+    assert diagnosed(replayed, at_stop).advice[0].startswith("Try vx_samples 1 -> 6: ")
+    assert "so no advice" in diagnosed(replayed, at_stop._replace(remedy=None)).sure
 
     answer = diagnosed(replayed, stays_behind)
 
-    assert answer.advice == ["Nothing that was tried helped."]
+    # Nor can it be said that nothing helps.
+    assert answer.advice == []
     assert answer.remedies == []
     assert answer.sure.endswith(
         "the robot does not come as far as it did, so no advice rests on what was driven."

@@ -36,8 +36,6 @@ RECIPES = {path.stem: path for path in sorted(_RECIPES_FOLDER.glob("*.yaml"))}
 # Key in config.json for the provenance of each session (training/common/provenance.py)
 PROVENANCE = "provenance"
 PAPER_STEPS = 5_000_000  # number of transitions in the paper
-# Conditions of the evaluations
-EVALUATION = ("eval_worlds", "simulator", "protocol", "planner", "monitor", "matched", "movers")
 # Options that --resume cannot change
 FIXED = (
     "recipe",
@@ -51,7 +49,13 @@ FIXED = (
     # Rewards of one problem are not those of another.
     "decision_period",
     *RewardOptions.model_fields,
-    *EVALUATION,
+    # Conditions of the evaluations
+    "eval_worlds",
+    "protocol",
+    "planner",
+    "monitor",
+    "matched",
+    "movers",
 )
 ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that
 drive in simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume
@@ -326,7 +330,8 @@ class TrainConfig(
             values = getattr(self, name)
             randomisation[name] = values if len(values) == 2 else values[0]
         _, base = self.start
-        own = {
+        from_options = {
+            *DriveSettings.model_fields,
             "worlds",
             "observation",
             "end_on_collision",
@@ -334,7 +339,7 @@ class TrainConfig(
             "critics_know_more",
         }
         return {
-            **self.model_dump(include={*DriveSettings.model_fields, *own}),
+            **self.model_dump(include=from_options),
             "randomisation": randomisation,
             "reward": Reward.of(self).model_dump(),
             "period": self.decision_period,
@@ -346,6 +351,8 @@ class TrainConfig(
     def judged(self) -> Dict[str, Any]:
         """Settings (DriveSettings) of the run's evaluations, without random choices."""
         settings = {name: getattr(self, name) for name in DriveSettings.model_fields}
+        # What selects the policy is the better simulator, not the faster one of the actors.
+        settings["simulator"] = "pybullet"
         if self.planner == DRAWN:
             settings["planner"] = OURS
         if self.protocol == DRAWN:

@@ -14,7 +14,7 @@ from applr_ros1.robots.geometry import radius
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.env.trajectory import Trajectory, TransitionLayout
-from training.evaluate.runner import run, world_list
+from training.evaluate.runner import TrialWorld, run, world_list
 from training.evaluate.trial import Result, Trial
 from training.train.learner.config import TrainConfig
 from training.train.replay.dataset import FEWEST_TRANSITIONS, Dataset
@@ -29,7 +29,7 @@ class Preparation:
     # Drive a training episode, or a trial, with policy weights in a worker
     collect: Callable[[Collect, bytes], Trajectory]
     drive: Callable[[Trial, bytes], Tuple[Result, bytes]]
-    held_out: List[Tuple[str, str]]  # (name, specification) of the worlds for evaluation
+    held_out: List[TrialWorld]  # worlds for evaluation
     layout: TransitionLayout
 
 
@@ -41,10 +41,9 @@ def prepare(config: TrainConfig) -> Preparation:
     """
     worlds = Worlds(config.worlds, radius(config.robot))
     judged = config.judged
-    held_out: List[Tuple[str, str]] = []
+    held_out: List[TrialWorld] = []
     if config.eval_worlds != "none":
-        trial_worlds = world_list(config.eval_worlds, judged["protocol"], config.robot)
-        held_out = [world[:2] for world in trial_worlds]
+        held_out = world_list(config.eval_worlds, judged["protocol"], config.robot)
 
     # One environment checks the options and gives the layout.
     options = config.environment()

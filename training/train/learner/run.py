@@ -29,9 +29,10 @@ from training.common.command_line import robot_name
 from training.common.folders import Lock
 from training.common.provenance import provenance, without_folders
 from training.env.trajectory import Trajectory
-from training.evaluate.periodic import THETA0, PeriodicEvaluation
+from training.evaluate.bound import NEAR, bound_s
+from training.evaluate.periodic import PeriodicEvaluation
 from training.evaluate.score import in_words
-from training.evaluate.trial import Result, Trial
+from training.evaluate.trial import BASELINE, Result, Trial
 from training.train.learner.config import PROVENANCE, TrainConfig
 from training.train.learner.prepare import dataset_of, prepare
 from training.train.learner.several import VERDICT
@@ -105,7 +106,9 @@ class TrainingRun:
                 shutil.rmtree(self.folder)
             raise
         held_out = self.preparation.held_out
-        self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed)
+        self.evaluation = PeriodicEvaluation(
+            self.folder, held_out, config.eval_freq, config.seed, bool(config.init_from)
+        )
 
         # Episodes being driven
         self._next_episode = self.learner.extra.get("next_episode", 0)
@@ -187,9 +190,9 @@ class TrainingRun:
                 if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
                     self.save()
                 self._show_status()
-            # The last round, and that of the default parameters, may still be due.
-            while self.finished and not self.stopping and self._evaluate():
-                pass
+            # The last round may still be due.
+            if not self.stopping:
+                self._evaluate()
             self.save()
         finally:
             self.pool.shutdown()
@@ -290,19 +293,15 @@ class TrainingRun:
             self._submit()  # The actors must not wait for the end of the gradient steps.
 
     # -- evaluation --------------------------------------------------------------------------------
-    def _evaluate(self) -> bool:
-        """Drive a round of the evaluation if one is due, and return whether a round was completed.
+    def _evaluate(self) -> None:
+        """Drive a round of the evaluation if one is due.
 
-        The run is saved first, because an error in a trial ends the run. If the time is limited,
-        the robot's default parameters are evaluated last, because this may take minutes. With
-        several seeds, several.py evaluates them.
+        The run is saved first, because an error in a trial ends the run.
         """
-        is_limited = self.config.minutes > 0.0
-        is_finished = self.finished  # Asked once, because it changes with time
-        default = self.config.seeds == 1 and (is_finished or not is_limited)
-        number = self.evaluation.due(self.steps, last=is_finished and is_limited, default=default)
+        is_last = self.finished and self.config.minutes > 0.0
+        number = self.evaluation.due(self.steps, last=is_last)
         if number is None:
-            return False
+            return
         self.save()
         weights = self.learner.td3.actor_weights()
         try:
@@ -316,13 +315,23 @@ class TrainingRun:
                 version=self.learner.td3.updates,
             )
         except KeyboardInterrupt:
-            return False  # The completed trials are kept.
+            return  # The completed trials are kept.
         self.bar.write(describe(summary))
         if summary["best"]:
             self.export(self.folder / "best.safetensors", weights, summary)
-        prefix = "default_dwa" if number == THETA0 else "held_out"
+        prefix = "default_dwa" if summary["method"] == BASELINE else "held_out"
         self._scalars(prefix, {name: summary[name] for name in (*EPISODE, "score")})
-        return True
+        action, _ = self.config.start
+        if action is not None and not self.steps:
+            self._compare_with_bound(summary["score"])
+
+    def _compare_with_bound(self, score: float) -> None:
+        """Say how far above the bound the parameter set is with which the run begins."""
+        bounds = [bound_s(world, self.config.robot) for _, _, world in self.preparation.held_out]
+        bound = np.mean(bounds)
+        is_near = score <= NEAR * bound
+        room = "within a tenth, no policy is needed" if is_near else "a policy has room"
+        self.bar.write(f"{self.config.init_from}: score {score:.2f} s, bound {bound:.2f} s: {room}")
 
     def _end_if_stopped(self, trial: Trial, result: Result) -> None:
         """Interrupt the evaluation after a trial if the run is to stop."""
@@ -357,7 +366,7 @@ class TrainingRun:
             "period_s": self.config.decision_period,
             "training": training,
             "result": result,
-            "default": self.evaluation.default if result else None,
+            "start": self.evaluation.history[0] if result else None,
         }
         self.write_policy(path, weights, metadata)
 
@@ -416,7 +425,9 @@ def _finite(values: Dict[str, Any]) -> Dict[str, float]:
 def describe(summary: Dict[str, Any]) -> str:
     """Return a one-line summary of a round of the periodic evaluation."""
     name = f"evaluation at {summary['step']:,}"
-    if summary["round"] == THETA0:
+    if summary["method"] == BASELINE:
         name = "default DWA"
+    elif not summary["step"]:
+        name = "before learning"
     best = ", the best so far" if summary["best"] else ""
     return f"{name}: {in_words(summary)}{best}"
