@@ -336,19 +336,21 @@ def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield the outline of the body in place of a larger footprint."""
     outline = box_outline(robot)
     body = np.ptp(outline, axis=0)
+    recorded = body
     changes = []
-    ratio = 1.0
     for costmap in COSTMAPS:
         footprint = yaml_value(tree[costmap].get("footprint", "[]"), "footprint")
         # Without a polygon, the footprint is a circle (robot_radius).
         if len(footprint) >= 3:
             size = np.ptp(np.array(footprint, float), axis=0)
             if (size - body).max() > LARGER_M:
-                ratio = max(ratio, float((size / body).max()))
+                recorded = np.maximum(recorded, size)
                 changes.append(Change(costmap, "footprint", str(footprint), str(outline)))
-    length, width = body.tolist()
-    change_in_words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
-    yield _rated(ratio, changes, change_in_words)
+    in_metres = "{:.2f} x {:.2f} m".format
+    change_in_words = (
+        f"footprint {in_metres(*recorded)} -> the outline of the body, {in_metres(*body)}"
+    )
+    yield _rated(float((recorded / body).max()), changes, change_in_words)
 
 
 def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:

@@ -63,12 +63,13 @@ def _advised(answer: Answer, trials: WholeDriveTrials) -> Answer:
             answer = replace(answer, guess=())
     remedy = trials.remedy
     if remedy is not None:
-        result_in_words = f"{remedy}; with the recorded values {trials.recorded}"
-        return replace(answer, advice=[f"Try {remedy.candidate}: {result_in_words}."])
-    clearly = " clearly" if trials.judged else ""
-    advice = f"Nothing that was tried helped{clearly}."
-    if answer.guess:
-        advice += f" {guess_in_words(answer.guess[0])}"
+        result_in_words = f"the robot {remedy}; with the recorded values, it {trials.recorded}"
+        advice = f"Try {remedy.candidate}: in simulation, {result_in_words}."
+    else:
+        clearly = " clearly" if trials.judged else ""
+        advice = f"Nothing that was tried in simulation helped{clearly}."
+        if answer.guess:
+            advice += f" {guess_in_words(answer.guess[0])}"
     return replace(answer, advice=[advice])
 
 

@@ -251,8 +251,8 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
 def test_the_outline_of_the_body_takes_the_place_of_a_larger_footprint():
     robot = with_changes(BURGER, FAULTS["footprint"], "burger with a fault")
     candidate, *_ = all_candidates(robot)
-    assert str(candidate) == "footprint -> the outline of the body, 0.14 x 0.18 m"
-    assert candidate.before == "footprint"
+    assert str(candidate) == "footprint 2.00 x 2.00 m -> the outline of the body, 0.14 x 0.18 m"
+    assert candidate.before == "footprint 2.00 x 2.00 m"
     for change in candidate.changes:
         corners = np.array(yaml.safe_load(change.after))
         assert np.ptp(corners, axis=0) == pytest.approx((0.14, 0.18), abs=0.005)

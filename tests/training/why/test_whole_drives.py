@@ -371,8 +371,8 @@ def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_su
     event_line, advice, certainty, *_ = diagnosed(replayed, trials).lines
     assert event_line == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
     assert advice == (
-        "Try vx_samples 1 -> 6: arrives 3 of 3 in 13 s; "
-        "with the recorded values arrives 1 of 3 in 21 s."
+        "Try vx_samples 1 -> 6: in simulation, the robot arrives 3 of 3 in 13 s; "
+        "with the recorded values, it arrives 1 of 3 in 21 s."
     )
     assert "commands reproduced (100.0%)" in certainty
     assert certainty.endswith("simulated with the recorded values, the robot stops there, too.")
@@ -409,14 +409,14 @@ def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
         return diagnosed(replayed, trials, [guess]).lines[1]
 
     guess_line = "The replay's guess: sim_time 2 -> 1."
-    assert advice(no_remedy, gain=0.2) == f"Nothing that was tried helped. {guess_line}"
-    assert advice(no_remedy, gain=0.01) == "Nothing that was tried helped."
+    assert advice(no_remedy, gain=0.2) == f"Nothing that was tried in simulation helped. {guess_line}"
+    assert advice(no_remedy, gain=0.01) == "Nothing that was tried in simulation helped."
     assert advice(None, gain=0.2) == guess_line
 
     # A guess that was driven in vain is none.
     driven_guess = tried(Candidate((change,)), 12.0)
     in_vain = WholeDriveTrials(tried(RECORDED, 12.0), None, [driven_guess])
-    assert advice(in_vain, gain=0.2) == "Nothing that was tried helped."
+    assert advice(in_vain, gain=0.2) == "Nothing that was tried in simulation helped."
 
 
 def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed):
@@ -424,7 +424,7 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
     judged = tried(MENDED, 12.0, 12.0, 9.0)
     trials = WholeDriveTrials(tried(RECORDED, 12.0), None, [chosen], [judged])
     lines = diagnosed(replayed, trials).lines
-    assert lines[1] == "Nothing that was tried helped clearly."
+    assert lines[1] == "Nothing that was tried in simulation helped clearly."
     assert lines[-1] == (
         "   vx_samples 1 -> 6: arrives 2 of 2 in 8 s; with other seeds arrives 3 of 3 in 11 s"
     )
