@@ -462,7 +462,8 @@ def test_keys_choose_a_profile_and_move_along_it(folder):
         options = chooser.get_by_role("option").all_inner_texts()
         assert options == ["applr in generated:20", "other in generated:20"]
         chooser.press("ArrowDown")
-        assert profile_box.get_by_text("max_vel_x: 0.5").count()
+        # The profile's charts are drawn in the next frame.
+        profile_box.get_by_text("max_vel_x: 0.5").wait_for()
         slider = focused(page, "slider", "Time in seconds")
         slider.press("End")
         assert profile_box.get_by_text("10.0 of 10.0 s").count()
