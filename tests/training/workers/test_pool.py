@@ -141,10 +141,16 @@ def test_a_killed_and_a_stopped_process_are_replaced():
         # Calls 3 and 4 are the ones that fail. These here have answers, and show that both live.
         assert len(results(pool, range(5, 9))) == 4
         killed_worker, stopped_worker = pool.workers
-        # While calls run. A stopped process keeps its socket open: only its time is up.
-        threading.Timer(0.5, killed_worker.process.send_signal, [signal.SIGKILL]).start()
-        threading.Timer(0.5, stopped_worker.process.send_signal, [signal.SIGSTOP]).start()
-        answers = results(pool, range(5, 13), seconds=0.3)
+
+        def numbers():
+            """Yield numbers of calls; when one has just begun, kill a process, and stop another."""
+            yield from range(5, 8)
+            killed_worker.process.kill()
+            # A stopped process keeps its socket open: only its time is up.
+            stopped_worker.process.send_signal(signal.SIGSTOP)
+            yield from range(8, 13)
+
+        answers = results(pool, numbers(), seconds=0.3)
         assert set(answers) == set(range(5, 13))
         for number, (answered_number, _) in answers.items():
             assert answered_number == number
