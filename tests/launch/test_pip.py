@@ -46,9 +46,10 @@ def installed(tmp_path_factory):
     target = tmp_path_factory.mktemp("target")
     # In the clone's folder, Python would import the clone.
     elsewhere = tmp_path_factory.mktemp("elsewhere")
-    # pip would leave its files of building in the clone.
+    # pip would leave its files of building in the clone. Other tests write bytecode meanwhile.
+    without_caches = shutil.ignore_patterns("__pycache__")
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, source / package)
+        shutil.copytree(ROOT / package, source / package, ignore=without_caches)
     for file_name in ("setup.py", "pyproject.toml", "package.xml", "README.md"):
         shutil.copy(ROOT / file_name, source)
     run(*PIP, target, source)

@@ -392,6 +392,8 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, is_root):
     assert ended.lines[-1].startswith("applr: apt-get could not install")
 
 
+# Not beside tests that start ./applr of this clone, too: it would say that it waits for them.
+@pytest.mark.xdist_group("test_launch")
 def test_a_second_run_does_nothing():
     if not os.path.exists(os.path.join(ROOT, ".applr", "venv.stamp")):
         pytest.skip("set-up has not been done here")
