@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,6 +24,7 @@ from applr_ros1.planner.parameters.trees import branch
 from applr_ros1.policy.methods import load_module
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
+from tests.support.ros import wait_for
 
 
 @pytest.mark.parametrize(
@@ -218,8 +218,8 @@ def test_files_of_the_same_name_are_two_modules(tmp_path):
 def test_failed_work_is_not_reported_as_done():
     lines = []
     with pytest.raises(IndexError), announced("compiling", lines.append, first=0.02):
-        # So long that the beginning is announced.
-        [][time.sleep(0.1) or 0]
+        # It fails after the beginning has been announced.
+        [][wait_for(lambda: len(lines), "a line")]
     assert lines == ["compiling"]
 
 
