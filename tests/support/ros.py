@@ -10,6 +10,7 @@ import contextlib
 import functools
 import os
 import pkgutil
+import secrets
 import shutil
 import signal
 import socket
@@ -283,10 +284,13 @@ use_generated()
 
 
 def free_port():
-    """Return a TCP port that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """Return a TCP port that nobody listens on now, and that the system gives nobody."""
+    # Nodes of other tests get ports from 32768 on, also while nobody listens on this one.
+    while True:
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            port = 20000 + secrets.randbelow(12000)
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 # Time after which a process counts as hanging; includes compilation of the kernels [s]
