@@ -274,8 +274,8 @@ def test_changes_the_world_without_a_restart(robot):
 
 
 def test_ends_on_interrupt(robot):
-    began = time.monotonic()
     stopwatch = Kept()
+    began = time.monotonic()
     assert robot.process.end() == 0
     assert time.monotonic() - began < 3.0 + stopwatch.waiting()
     assert "Traceback" not in robot.process.text
