@@ -124,6 +124,8 @@ class Stack:
     def back_to_the_start(self):
         """Cancel the goal, and put the robot back."""
         self.cancel_goal()
+        # The monitor brakes for a while. Such a command on its way would drive the robot off again.
+        self.until(lambda: self.relay.commands[-1].v == 0.0, "the end of braking")
         rospy.ServiceProxy("/sim_bridge/reset", Empty)()
         wait_for(lambda: abs(self.relay.x) < 0.1, "the start")
         self.relay.touched = None

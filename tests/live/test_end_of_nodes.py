@@ -21,8 +21,8 @@ pytestmark = pytest.mark.ros
 NODES = {
     "sim_bridge": ("_simulator:=kinematic",),
     "move_base": ("odom:=odometry/filtered",),
-    "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered"),
     "applr": ("_method:=dwa",),
+    "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered"),
     "movers": (),
 }
 # Topics with callbacks of the nodes, whose threads may run while the node ends.
@@ -62,8 +62,8 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     sender.start()
     for _ in range(times):
         nodes = [ros.node(name, *arguments) for name, arguments in NODES.items()]
-        # The bridge and move_base say when they are ready; the others have subscribed or published.
-        for node in nodes[:2]:
+        # The first three say when they are ready; the others have subscribed or published.
+        for node in nodes[:3]:
             node.until("ready")
         for publisher in publishers:
             wait_for(publisher.get_num_connections, publisher.name)

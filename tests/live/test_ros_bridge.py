@@ -228,9 +228,9 @@ def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(r
     robot.drive(0.5, 0.3, lambda: hypot(*robot.place) > 0.2)
     robot.forget()
     reset = rospy.ServiceProxy("/sim_bridge/reset", Empty)
-    robot.wait(lambda: reset() and clear_requests)
+    # Again, if the last command came after the reset and drives the robot off the start.
+    robot.wait(lambda: reset() and clear_requests and robot.place == (0.0, 0.0))
     start_pose = worlds.load("generated:0").course.start
-    robot.wait(lambda: robot.place == (0.0, 0.0))
     robot.wait(lambda: robot.true_place == pytest.approx(start_pose[:2], abs=1e-3))
     clocks = [message.clock for message in robot.received["/clock"]]
     assert clocks == sorted(clocks)  # ROS time must not jump back.
@@ -259,9 +259,11 @@ def test_changes_the_world_without_a_restart(robot):
     answer = load_world()
     assert answer.success
     assert answer.message == "world physical_course"
-    markers = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers
-    # The generated worlds have cylinders only.
-    assert Marker.CUBE in {marker.type for marker in markers[1:]}
+    # The generated worlds have cylinders only. The markers may come after the answer.
+    worlds_shown = robot.received["/sim_bridge/obstacles"]
+    robot.wait(
+        lambda: Marker.CUBE in {marker.type for shown in worlds_shown for marker in shown.markers}
+    )
     start_pose = worlds.load("physical_course").course.start
     robot.wait(lambda: robot.true_place == pytest.approx(start_pose[:2], abs=1e-3))
 
@@ -274,8 +276,8 @@ def test_changes_the_world_without_a_restart(robot):
 
 
 def test_ends_on_interrupt(robot):
-    began = time.monotonic()
     stopwatch = Kept()
+    began = time.monotonic()
     assert robot.process.end() == 0
     assert time.monotonic() - began < 3.0 + stopwatch.waiting()
     assert "Traceback" not in robot.process.text

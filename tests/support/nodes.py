@@ -96,6 +96,7 @@ class FakeJackal:
 
     def __init__(self, circles=(), pose=(0.0, 0.0, 0.0), clock=None):
         self.robot = ToyRobot(pose, circles)
+        self._moving = threading.Lock()  # A step under way would take back what put() does.
         self.clock = clock
         self.scans = self.transforms = True
         # Function that alters each scan before publication.
@@ -138,7 +139,8 @@ class FakeJackal:
 
     def put(self, pose, circles=None):
         """Move the robot to a pose and, if given, replace the obstacles."""
-        self.robot.pose = pose
+        with self._moving:
+            self.robot.pose = pose
         if circles is not None:
             self.robot.circles = ToyRobot(circles=circles).circles
 
@@ -162,7 +164,8 @@ class FakeJackal:
 
     def _tick(self, n, stamp):
         is_fresh = self.commands and time.time() - self.commands[-1].stamp < COMMAND_TIMEOUT
-        self.robot.drive(self._command if is_fresh else None, TICK)
+        with self._moving:
+            self.robot.drive(self._command if is_fresh else None, TICK)
         # Odometry comes at 50 Hz and scans at 20 Hz, as from the real robot.
         if n % 2 == 0:
             self.publish_pose(stamp)
