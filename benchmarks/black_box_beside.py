@@ -35,7 +35,6 @@ PLANNER = "TebLocalPlannerROS"
 LASER = JACKAL.laser.model_copy(
     update={"beams": 72, "first_angle": -math.pi, "last_angle": math.radians(175.0)}
 )
-FAN = (LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max)  # (Scans.fan)
 # What the laser sees of a room that is 20 m long and wide
 WALLS = [(x, 0.0, 0.0, 0.1, 20.0) for x in (-10.0, 10.0)]
 WALLS += [(0.0, y, 0.0, 20.0, 0.1) for y in (-10.0, 10.0)]
@@ -159,9 +158,8 @@ class ForeignStack:
                 self._send("/cmd_vel", **asked)
         if tick % 4 == 0:
             if happens != "laser silent":
-                self._send(
-                    "/scan", stamp=0, fan=FAN, ranges=ROOM.scan(self._x, self._y, 0.0).tolist()
-                )
+                ranges = ROOM.scan(self._x, self._y, 0.0).tolist()
+                self._send("/scan", stamp=0, fan=LASER.fan, ranges=ranges)
             for action in self._actions:
                 is_pursued = has_goal and action.rstrip("/") in self._stop.actions.split(" ")
                 self._send(f"~{action}status", not is_pursued, id=f"{action} one", code=ACTIVE)

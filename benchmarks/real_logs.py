@@ -17,7 +17,7 @@ import numpy as np
 from applr_ros1 import robots
 from applr_ros1.common.scan import measured_ranges
 from applr_ros1.drives.columns import TopicNames
-from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.drives.drive import Drive, Measured, Motion, Scans
 from training.bags.read import opened
 from training.robot import rehearsal
 
@@ -136,7 +136,7 @@ def row_of(path):
         drive.scans.ranges = [
             measured_ranges(ranges, robot.laser.no_return) for ranges in drive.scans.ranges
         ]
-    figures = rehearsal.rehearsed(drive, robot)
+    figures = rehearsal.rehearsed(*drive.require(Measured), robot)
     return [path.name, f"{figures['minutes']:.1f}", *(f"{figures[name]:.3g}" for name in COLUMNS)]
 
 

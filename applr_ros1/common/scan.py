@@ -229,6 +229,15 @@ def _turned(q: Quaternion, yaw: float) -> Quaternion:
     )
 
 
+def from_above(ranges: Array32, first_angle: float, increment: float) -> Tuple[Array32, float]:
+    """Return (ranges, first angle [rad]) of a laser upside down as seen from above.
+
+    Left and right are exchanged, so that the last beam becomes the first.
+    """
+    last_angle = first_angle + increment * (len(ranges) - 1)
+    return ranges[::-1], -last_angle
+
+
 @lru_cache(maxsize=8)
 def beam_directions(angle_min: float, angle_increment: float, count: int) -> Array:
     """Return cosine and sine (count, 2) of every beam. Tables of recent geometries are cached."""

@@ -1,4 +1,4 @@
-"""Everything that tf says of a recorded drive: where its laser, its base and its plans are."""
+"""What tf says of a recorded drive: where its base and its plans are."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.clocks import APART_S, stamped_later
-from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
-from applr_ros1.drives.frames import FramePlacements, FrameTree, Link
+from applr_ros1.drives.drive import Commands, Drive, Motion
+from applr_ros1.drives.frames import FrameTree, Link
 
 
 class Apart(NamedTuple):
@@ -54,34 +54,29 @@ class Places(NamedTuple):
     """Places and frames of a drive, as tf says.
 
     Attributes:
-        laser: Place of the laser on the robot; None if tf does not connect them.
         routes: Frame of the global planner's plans; None if there are none, if it is the drive's,
             or if tf does not connect it.
         is_framed: Whether tf connects the drive's frame with the base.
         base: Where the base is; None if nothing moves it.
     """
 
-    laser: Optional[FramePlacements]
     routes: Optional[RouteFrame]
     is_framed: bool
     base: Optional[PlacedBase]
 
 
-def places_of(drive: Drive, planned: Commands, odometry: Motion, scans: Scans, base: str) -> Places:
-    """Return what tf says of a drive, whose odometry and scans have one frame each.
+def places_of(drive: Drive, planned: Commands, odometry: Motion, base: str) -> Places:
+    """Return what tf says of a drive, whose odometry has one frame.
 
     Args:
         drive: The drive. Its frame is that in which poses are wanted.
         planned: Its commands of the planner.
         odometry: Its odometry.
-        scans: Its scans.
         base: Frame of the robot's base.
     """
     tree = FrameTree(drive.transforms)
-    (laser_frame,) = drive.frames["scans"]
     (topic_frame,) = drive.frames["odometry"]
     return Places(
-        laser=tree.place(base, laser_frame, scans.stamp[:1]),
         routes=route_frame(drive, tree, planned),
         is_framed=tree.place(drive.frame, base, np.zeros(1)) is not None,
         base=_placed_base(tree, odometry, topic_frame, drive.frame, base),
@@ -121,11 +116,11 @@ def _placed_base(
         link=link,
         later=later,
         by_link=at_link.planar,
-        from_topic=None if at_topic is None else _apart(odometry.pose, at_topic.planar),
+        from_topic=None if at_topic is None else apart(odometry.pose, at_topic.planar),
     )
 
 
-def _apart(poses: Array, others: Array) -> Apart:
+def apart(poses: Array, others: Array) -> Apart:
     """Return how far poses (n, 3) are from others (n, 3) at most."""
     turned_angles = normalize_angle_modulo(poses[:, 2] - others[:, 2])
     return Apart(

@@ -35,7 +35,13 @@ from applr_ros1.common.angles import Pose, Twist, quaternion_of, yaw_of
 from applr_ros1.common.arrays import Array, Array32, Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.messages import pose_of, twist_of
-from applr_ros1.common.scan import LaserScan, Point3D, SensorCloud, measured_ranges
+from applr_ros1.common.scan import (
+    LaserScan,
+    Point3D,
+    SensorCloud,
+    from_above,
+    measured_ranges,
+)
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 # Names of the states of a goal by their number, such as {3: "succeeded"}.
@@ -252,7 +258,9 @@ def laser_scan(
     tilt_cosine = cos_tilt(quaternion)
     rotation = None if abs(tilt_cosine) > LEVEL_COS else quaternion
     hangs = tilt_cosine < -LEVEL_COS
-    ranges, first_angle = from_above(message, ranges, hangs)
+    first_angle = message.angle_min
+    if hangs:
+        ranges, first_angle = from_above(ranges, first_angle, message.angle_increment)
     beam_intervals = len(ranges) - 1
     return LaserScan(
         message.header.stamp.to_sec(),
@@ -269,19 +277,6 @@ def laser_scan(
         frame=message.header.frame_id,
         no_return=no_return,
     )
-
-
-def from_above(message: Any, ranges: Array32, hangs: bool) -> Tuple[Array32, float]:
-    """Return (ranges, first angle [rad]) of a scan as seen from above.
-
-    hangs: whether the laser is upside down.
-    """
-    if not hangs:
-        return ranges, message.angle_min
-    # Left and right are exchanged, so that the last beam becomes the first.
-    beam_intervals = len(ranges) - 1
-    last_angle = message.angle_min + beam_intervals * message.angle_increment
-    return ranges[::-1], -last_angle
 
 
 def sensor_cloud(message: Any, transform: Any, origin: Optional[Point3D] = None) -> SensorCloud:

@@ -227,6 +227,11 @@ class Laser(Section):
         return {**sensors[name], **content}
 
     @property
+    def fan(self) -> Tuple[float, float, float, float]:
+        """Angles and limits of its scans (drive.Scans.fan)."""
+        return self.first_angle, self.increment, self.range_min, self.range_max
+
+    @property
     def has_errors(self) -> bool:
         """Whether scans have other errors than white noise."""
         return bool(

@@ -13,10 +13,11 @@ from typing import List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, inverse, normalize_angle_modulo
+from applr_ros1.common.angles import Pose, inverse
 from applr_ros1.common.arrays import nearest_rows
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
+from applr_ros1.common.scan import from_above
 from applr_ros1.drives.clocks import clocks_differ, one_clock, placed_late
 from applr_ros1.drives.drive import (
     Commands,
@@ -28,8 +29,8 @@ from applr_ros1.drives.drive import (
     Scans,
     with_full_speed,
 )
-from applr_ros1.drives.frames import FramePlacements
-from applr_ros1.drives.places import PlacedBase, RouteFrame, places_of
+from applr_ros1.drives.frames import FrameTree
+from applr_ros1.drives.places import PlacedBase, RouteFrame, apart, places_of
 from applr_ros1.monitor.recorded_twists import checked_twists
 from applr_ros1.planner.plan_cut import cut_plan, transformed
 from applr_ros1.robots import Robot
@@ -84,17 +85,18 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot) -> Recording:
         ApplrError: Frames differ, and tf does not connect them.
     """
     # What is there, and where: each column is asked for once, and tf.
-    drive = _without_prefix(drive, robot)
-    _check_frames(drive)
+    drive = without_prefix(drive, robot)
+    for column in ("odometry", "plans" if drive.plans else "routes"):
+        _only_frame(drive, column)
     odometry_frame = drive.frame
     # The plans that were followed are in the frame of the local costmap.
     plan_frames = drive.frames.get("plans") or [odometry_frame]
     drive = replace(drive, frame=plan_frames[0])
     planned, odometry, scans = drive.require(Fittable)
-    places = places_of(drive, planned, odometry, scans, robot.frames.base)
+    places = places_of(drive, planned, odometry, robot.frames.base)
 
     # Each column as the planner saw it
-    laser = _placed_laser(scans, drive.frames["scans"][0], places.laser, robot)
+    laser = placed_laser(drive, scans, robot)
     if drive.frame != odometry_frame and not places.is_framed:
         raise _unconnected(drive.frame, odometry_frame)
     moved = _with_poses(odometry, places.base)
@@ -115,7 +117,7 @@ def fitted(drive: Drive, planner: RerunPlanner, robot: Robot) -> Recording:
 
 
 # -- frames ----------------------------------------------------------------------------------------
-def _without_prefix(drive: Drive, robot: Robot) -> Drive:
+def without_prefix(drive: Drive, robot: Robot) -> Drive:
     """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix) or robot1_."""
     laser_frame = drive.frames["scans"][0]
     prefix = "".join(laser_frame.rpartition("/")[:2])
@@ -145,12 +147,12 @@ def _without_prefix(drive: Drive, robot: Robot) -> Drive:
     return replace(drive, frame=without(drive.frame), frames=frames_of, transforms=transforms)
 
 
-def _check_frames(drive: Drive) -> None:
-    """Raise ApplrError if the messages of a column are in several frames."""
-    for column in ("odometry", "scans", "plans" if drive.plans else "routes"):
-        frames = drive.frames[column]
-        if len(frames) > 1:
-            raise ApplrError(f"{column} in {' and in '.join(frames)}: they must be in one frame")
+def _only_frame(drive: Drive, column: str) -> str:
+    """Return the frame of a column's messages. Raise ApplrError if they are in several frames."""
+    frames = drive.frames[column]
+    if len(frames) > 1:
+        raise ApplrError(f"{column} in {' and in '.join(frames)}: they must be in one frame")
+    return frames[0]
 
 
 def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
@@ -159,24 +161,29 @@ def _unconnected(frame: str, odometry_frame: str) -> ApplrError:
 
 
 # -- laser -----------------------------------------------------------------------------------------
-def _placed_laser(
-    scans: Scans, frame: str, in_tf: Optional[FramePlacements], robot: Robot
-) -> PlacedLaser:
+def placed_laser(drive: Drive, scans: Scans, robot: Robot) -> PlacedLaser:
     """Return the laser where tf has it, if it does, with the scans of one upside down turned.
 
+    Args:
+        drive: A drive whose frames have no prefix.
+        scans: Its scans.
+        robot: Robot that drove.
+
     Raises:
-        ApplrError: The scans are those of a laser that neither robot.yaml nor tf knows.
+        ApplrError: The scans are in several frames, or those of a laser that neither robot.yaml nor
+            tf knows.
     """
+    frame = _only_frame(drive, "scans")
+    in_tf = FrameTree(drive.transforms).place(robot.frames.base, frame, scans.stamp[:1])
     if in_tf is None:
         if frame != robot.laser.frame:
             differs = f"scans in {frame}, {robot.name} has {robot.laser.frame}"
-            raise ApplrError(f"{differs}: {GIVE_ROBOT} or its topic as --scan, or record {TF}")
+            remedy = f"give the robot that drove, or the topic of its scans, or record {TF}"
+            raise ApplrError(f"{differs}: {remedy}")
         return PlacedLaser(scans, robot.laser.pose, [])
-    rotation = in_tf.rotation.as_matrix()[0]
     # The laser's x axis gives its heading, also upside down; its z axis shows how it is mounted.
-    laser_yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    upright = float(rotation[2, 2])
-    laser_x, laser_y = in_tf.position[0, :2].tolist()
+    laser_x, laser_y, laser_yaw = in_tf.planar[0].tolist()
+    upright = float(in_tf.rotation.as_matrix()[0, 2, 2])
     notes = []
     if upright < 0.0:
         scans = _mirrored(scans)
@@ -184,11 +191,10 @@ def _placed_laser(
     if abs(upright) < TILTED:
         degrees = np.degrees(np.arccos(min(abs(upright), 1.0)))
         notes.append(f"tf tilts the laser by {degrees:.0f} degrees: it is taken as level")
-    known_x, known_y, known_yaw = robot.laser.pose
-    moved_distance = np.hypot(laser_x - known_x, laser_y - known_y)
-    turned_angle = abs(normalize_angle_modulo(laser_yaw - known_yaw))
-    if moved_distance <= LASER_OFF_M and turned_angle <= LASER_OFF_RAD:
-        return PlacedLaser(scans, robot.laser.pose, notes)
+    known_x, known_y, known_yaw = known_pose = robot.laser.pose
+    off = apart(in_tf.planar, np.array([known_pose]))
+    if off.distance <= LASER_OFF_M and off.angle <= LASER_OFF_RAD:
+        return PlacedLaser(scans, known_pose, notes)
     notes.append(
         f"tf has the laser at ({laser_x:.2f}, {laser_y:.2f}) m, {laser_yaw:.2f} rad, "
         f"robot.yaml at ({known_x:.2f}, {known_y:.2f}) m, {known_yaw:.2f} rad: "
@@ -198,17 +204,13 @@ def _placed_laser(
 
 
 def _mirrored(scans: Scans) -> Scans:
-    """Return the scans of a laser upside down as those of an upright one.
-
-    Its beams turn from left to right, so that the last one becomes the first.
-    """
+    """Return the scans of a laser upside down as those of an upright one."""
     mirrored_fans = scans.fan.copy()
     mirrored_ranges = []
     for row, ranges in enumerate(scans.ranges):
-        first_angle, increment = mirrored_fans[row, :2]
-        last_angle = first_angle + increment * (len(ranges) - 1)
-        mirrored_fans[row, 0] = -last_angle
-        mirrored_ranges.append(ranges[::-1].copy())
+        first_angle, increment = scans.fan[row, :2]
+        upright_ranges, mirrored_fans[row, 0] = from_above(ranges, first_angle, increment)
+        mirrored_ranges.append(upright_ranges)
     return replace(scans, fan=mirrored_fans, ranges=mirrored_ranges)
 
 
@@ -223,11 +225,11 @@ def _with_poses(odometry: Motion, in_tf: Optional[PlacedBase]) -> Noted:
     if in_tf.later:
         problem = clocks_differ("the odometry is", in_tf.later, "tf")
         notes.append(f"{problem}; {one_clock('base')}")
-    apart = in_tf.from_topic
-    if apart is not None and (apart.distance > POSE_OFF_M or apart.angle > POSE_OFF_RAD):
+    off = in_tf.from_topic
+    if off is not None and (off.distance > POSE_OFF_M or off.angle > POSE_OFF_RAD):
         notes.append(
-            f"the odometry topic is not what tf shows: up to {apart.distance:.2f} m and "
-            f"{apart.angle:.2f} rad apart; poses are tf's, velocities the topic's"
+            f"the odometry topic is not what tf shows: up to {off.distance:.2f} m and "
+            f"{off.angle:.2f} rad apart; poses are tf's, velocities the topic's"
         )
     return Noted(joined, notes)
 

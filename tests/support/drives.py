@@ -230,9 +230,7 @@ class Messages(BagWriter):
         self.message("sent", time, pose=pose, frame=frame or self.robot.frames.odom)
 
     def scan(self, time, ranges):
-        laser = self.robot.laser
-        fan = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        self.message("scans", time, stamp=time, fan=fan, ranges=ranges)
+        self.message("scans", time, stamp=time, fan=self.robot.laser.fan, ranges=ranges)
 
     def odometry(self, time, pose, twist):
         self.message("odometry", time, stamp=time, pose=pose, twist=twist)

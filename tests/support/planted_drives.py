@@ -194,8 +194,7 @@ def _scans(times, places, situation, random):
     for place in places:
         noise = random.normal(0.0, 0.01, BEAMS).astype(np.float32)
         ranges.append(lidar.scan(place, 0.0, 0.0) + noise)
-    fan = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
-    return Scans(times, times, np.tile(fan, (len(times), 1)), ranges)
+    return Scans(times, times, np.tile(LASER.fan, (len(times), 1)), ranges)
 
 
 # -- as it is recorded

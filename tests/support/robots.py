@@ -103,8 +103,7 @@ class ToyRobot:
 
 def scan_by(laser, stamp, ranges, sensor_pose):
     """Return the scan of a robot's laser at a pose."""
-    geometry = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-    return LaserScan(stamp, *geometry, ranges, sensor_pose)
+    return LaserScan(stamp, *laser.fan, ranges, sensor_pose)
 
 
 def ring(x, y, radius, posts=40, size=0.1):

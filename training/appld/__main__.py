@@ -17,14 +17,14 @@ from typing import Any, Dict, List, Optional, Sequence
 import numpy as np
 
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
-from training.common.command_line import Seed, parsed
+from training.common.command_line import Seed, run_command
 from training.common.folders import make_folder
 from training.common.options import argument, option
 from training.common.provenance import without_folders
@@ -54,12 +54,19 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
     Return 0, or 1 after a one-line error if no file was written.
     """
-    return run_main(lambda: run(without_remappings(arguments)), "appld.py")
+    words = without_remappings(arguments)
+    return run_command(
+        AppldOptions, lambda options: run(options, words), "appld.py", __doc__, words
+    )
 
 
-def run(arguments: List[str]) -> None:
-    """Learn from the bags named in the arguments, and write the file and its log (OUT_log.json)."""
-    options = parsed(AppldOptions, "appld.py", __doc__, arguments)
+def run(options: AppldOptions, words: List[str]) -> None:
+    """Learn from bags, and write the file and its log (OUT_log.json).
+
+    Args:
+        options: The options.
+        words: The command line, for the log.
+    """
     policy_file = Path(options.out)
     if policy_file.suffix != ".safetensors":
         raise ApplrError(f"--out {policy_file}: give a name that ends in .safetensors")
@@ -103,7 +110,7 @@ def run(arguments: List[str]) -> None:
 
     # Files, without folders of this machine, because they are passed on
     provenance = {
-        "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
+        "command": "python -m training.appld " + " ".join(map(without_folders, words)),
         "demonstrations": list(map(_source, demonstrations)),
         "classifier": quality,
     }

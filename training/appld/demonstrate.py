@@ -13,7 +13,7 @@ import numpy as np
 
 import sim_bridge
 from applr_ros1.common.angles import Pose, Twist
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.extras import extra
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives import simulate
@@ -25,7 +25,7 @@ from applr_ros1.robots.robot_world import world_of
 from applr_ros1.stack.simulated import SimulatedRobot
 from applr_ros1.stack.stack import Step
 from sim_bridge.simulator import Simulator
-from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
+from training.common.command_line import AnyRobot, Seed, SimulatorName, run_command
 from training.common.options import Options, argument, option
 from worlds import World
 
@@ -135,12 +135,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
     Return 0, or 1 after a one-line error if no bag was written.
     """
-    program_name = "demonstrate.py"
-
-    def run() -> None:
-        demonstrate(parsed(DemonstrateOptions, program_name, __doc__, arguments))
-
-    return run_main(run, program_name)
+    return run_command(DemonstrateOptions, demonstrate, "demonstrate.py", __doc__, arguments)
 
 
 if __name__ == "__main__":

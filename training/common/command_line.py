@@ -6,13 +6,24 @@ import argparse
 import logging
 import signal
 from contextlib import contextmanager
-from typing import Annotated, Any, Dict, Iterator, Literal, NoReturn, Optional, Sequence, Type
+from typing import (
+    Annotated,
+    Any,
+    Callable,
+    Dict,
+    Iterator,
+    Literal,
+    NoReturn,
+    Optional,
+    Sequence,
+    Type,
+)
 
 from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer
 from typing_extensions import override
 
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import OURS
 from applr_ros1.robots import NAMES, Robot, load
 from training.common.options import O, add_options, checked
@@ -95,12 +106,14 @@ def log_to_stderr() -> None:
         logger.setLevel(logging.INFO)
 
 
-def parsed(model: Type[O], *command_line: Any) -> O:
-    """Return the checked options of a command line.
+def run_command(
+    model: Type[O], run: Callable[[O], Optional[int]], program: str, *command_line: Any
+) -> int:
+    """Run a command with its checked options; return its exit status (run_main).
 
-    Arguments and errors are those of `given`.
+    All arguments but `run` are those of `given`.
     """
-    return checked(model, given(model, *command_line))
+    return run_main(lambda: run(checked(model, given(model, program, *command_line))), program)
 
 
 @contextmanager

@@ -12,8 +12,7 @@ import os
 import sys
 from typing import Optional, Sequence
 
-from applr_ros1.common.errors import run_main
-from training.common.command_line import continuable, parsed
+from training.common.command_line import continuable, run_command
 from training.common.words import counted
 from training.evaluate.evaluation import EvaluationOptions, evaluate
 from training.evaluate.table import TRIALS, read_trials
@@ -26,8 +25,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         The exit status: 0 if all trials are done and reported, 1 after a one-line error, 130 after
         Ctrl-C.
     """
-    program = "./applr evaluate"
-    return run_main(lambda: run(parsed(EvaluationOptions, program, __doc__, arguments)), program)
+    return run_command(EvaluationOptions, run, "./applr evaluate", __doc__, arguments)
 
 
 def run(options: EvaluationOptions) -> None:

@@ -19,7 +19,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, write_bytes, yaml_value
 from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.parameter_files import read_yaml
@@ -34,7 +34,7 @@ from applr_ros1.robots.urdf_import.write import (
     move_base_section,
     robot_yaml,
 )
-from training.common.command_line import parsed
+from training.common.command_line import run_command
 from training.common.folders import make_folder
 from training.common.options import Options, argument, option
 from training.common.words import counted
@@ -145,20 +145,18 @@ def _lost(old: Dict[str, Any], new: Dict[str, Any], path: str = "") -> Iterator[
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0, or 1 after a one-line error if the folder cannot be written."""
-    # Words with := are arguments of the xacro file, which parsed() leaves out.
+    # Words with := are arguments of the xacro file, which are left out of the options.
     words = sys.argv[1:] if arguments is None else arguments
     xacro_arguments = {}
     for word in words:
         argument_name, is_assigned, value = word.partition(":=")
         if is_assigned:
             xacro_arguments[argument_name] = value
-    name = "./applr robot"
 
-    def run() -> None:
-        options = parsed(NewRobotOptions, name, __doc__, arguments)
+    def run(options: NewRobotOptions) -> None:
         print("\n".join(write(options, xacro_arguments)))
 
-    return run_main(run, name)
+    return run_command(NewRobotOptions, run, "./applr robot", __doc__, arguments)
 
 
 if __name__ == "__main__":

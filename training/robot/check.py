@@ -11,14 +11,15 @@ description.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from math import degrees
 from typing import List, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.errors import run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.drives.columns import TopicNames
+from applr_ros1.drives.drive import Measured
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -26,7 +27,8 @@ from applr_ros1.robots import NAMES, Robot
 from applr_ros1.robots import check as rules
 from applr_ros1.robots.folder import RobotError, read
 from applr_ros1.robots.geometry import radius
-from training.common.command_line import parsed
+from applr_ros1.why.fitting import placed_laser, without_prefix
+from training.common.command_line import run_command
 from training.common.options import Options, argument, option
 from training.robot import open_floor, rehearsal
 from worlds.map_courses import Building
@@ -43,14 +45,12 @@ def summary(described: Robot) -> List[str]:
     setups = "with and without a map"
     if described.move_base.with_map is None:
         setups = "without a map only"
-    angles = f"{degrees(laser.first_angle):.0f} to {degrees(laser.last_angle):.0f} degrees"
-    ranges = f"{laser.range_min:g} to {laser.range_max:g} m"
     seen = f"a policy sees {layout.beams} beams up to {layout.range_cap:.1f} m"
     scale = f"worlds at {described.world_scale:g} of the Jackal's"
     lines = [
         f"{described.name}: {base.drive}, {base.max_speed:g} m/s, {base.max_yaw_rate:g} rad/s",
         f"footprint with padding: {length:.2f} x {width:.2f} m; {scale}",
-        f"laser: {laser.beams} beams, {angles}, {ranges}, {laser.rate:g} Hz; {seen}",
+        f"laser: {_fan(laser.beams, *laser.fan)}, {laser.rate:g} Hz; {seen}",
         f"move_base: {described.local_planner}, {command_rate:g} commands per second, {setups}",
         "parameter space, default and range:",
     ]
@@ -58,6 +58,13 @@ def summary(described: Robot) -> List[str]:
         limits = f"{parameter.low:g} to {parameter.high:g}"
         lines.append(f"  {parameter.name:24} {default:<6g} {limits}")
     return lines
+
+
+def _fan(beams: int, first_angle: float, increment: float, nearest: float, farthest: float) -> str:
+    """Return what the scans of a laser are like, for people."""
+    last_angle = first_angle + increment * (beams - 1)
+    angles = f"{degrees(first_angle):.0f} to {degrees(last_angle):.0f} degrees"
+    return f"{beams} beams, {angles}, {nearest:g} to {farthest:g} m"
 
 
 def doors(described: Robot, path: str) -> str:
@@ -79,48 +86,21 @@ def drive_lines(described: Robot, bag: str) -> List[str]:
     """Return lines on what the sensors show in the drive of a bag."""
     with extra(__name__):
         from training.bags.read import opened
-    names = TopicNames.of(described)
     with opened(bag) as content:
-        drive = content.drive(described, names, rehearsal.COLUMNS)
-    return [f"{bag}: {line}" for line in rehearsal.lines(rehearsal.rehearsed(drive, described))]
-
-
-def check(name_or_folder: str, path: str = "", bag: str = "") -> int:
-    """Print errors, remarks, summary, doors, bag and test drives. Return 1 if the robot fails."""
-    errors: List[str] = []
-    remarks: List[str] = []
-    # Reading already refuses what no robot can be built from.
-    try:
-        described = read(name_or_folder)
-    except RobotError as refused:
-        errors += refused.lines
-    else:
-        setups = [described]
-        if described.move_base.with_map is not None:
-            setups.append(described.on_map())
-        for setup in setups:
-            errors += rules.check(setup)
-            for remark in rules.remarks(setup):
-                remarks.append(f"remark: {remark.line}")
-
-    # Most lines of a setup with a map are those without one.
-    for line in dict.fromkeys(errors):
-        print(f"error: {line}", file=sys.stderr)
-    lines: List[str] = []
-    if not errors:
-        lines += summary(described)
-        if path:
-            remarks.append(doors(described, path))
-        if bag:
-            remarks += drive_lines(described, bag)
-    for line in [*lines, *dict.fromkeys(remarks)]:
-        print(line, flush=True)
-    # A robot with errors may not even start.
-    if errors:
-        return 1
-    drives, floor_lines = open_floor.try_out(described)
-    print("\n".join(floor_lines))
-    return 0 if drives else 1
+        drive = content.drive(described, TopicNames.of(described), rehearsal.COLUMNS)
+    odometry, scans = drive.require(Measured)
+    laser = described.laser
+    known = _fan(laser.beams, *laser.fan)
+    recorded = _fan(len(scans.ranges[-1]), *scans.fan[-1])
+    line = f"laser: {recorded}"
+    if recorded != known:
+        line += f"; robot.yaml has {known}: correct laser there, or give the robot that drove"
+    # As on the robot, the laser is where tf has it.
+    placed = placed_laser(without_prefix(drive, described), scans, described)
+    laser = laser.model_copy(update={"pose": placed.pose})
+    figures = rehearsal.rehearsed(odometry, placed.scans, replace(described, laser=laser))
+    lines = [line, *placed.notes, *rehearsal.lines(figures)]
+    return [f"{bag}: {line}" for line in lines]
 
 
 class CheckOptions(Options):
@@ -137,15 +117,46 @@ class CheckOptions(Options):
     )
 
 
+def check(options: CheckOptions) -> int:
+    """Print errors, remarks, summary, doors, bag and test drives. Return 1 if the robot fails."""
+    errors: List[str] = []
+    remarks: List[str] = []
+    # Reading already refuses what no robot can be built from.
+    try:
+        described = read(options.robot)
+    except RobotError as refused:
+        errors += refused.lines
+    else:
+        setups = [described]
+        if described.move_base.with_map is not None:
+            setups.append(described.on_map())
+        for setup in setups:
+            errors += rules.check(setup)
+            for remark in rules.remarks(setup):
+                remarks.append(f"remark: {remark.line}")
+
+    # Most lines of a setup with a map are those without one.
+    for line in dict.fromkeys(errors):
+        print(f"error: {line}", file=sys.stderr)
+    if not errors:
+        print("\n".join(summary(described)))
+    for line in dict.fromkeys(remarks):
+        print(line, flush=True)
+    # A robot with errors may not even start.
+    if errors:
+        return 1
+    if options.map:
+        print(doors(described, options.map))
+    if options.bag:
+        print("\n".join(drive_lines(described, options.bag)), flush=True)
+    drives, floor_lines = open_floor.try_out(described)
+    print("\n".join(floor_lines))
+    return 0 if drives else 1
+
+
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if the robot drives on open floor, else 1."""
-    name = "./applr check"
-
-    def run() -> int:
-        options = parsed(CheckOptions, name, __doc__, arguments)
-        return check(options.robot, options.map, options.bag)
-
-    return run_main(run, name)
+    return run_command(CheckOptions, check, "./applr check", __doc__, arguments)
 
 
 if __name__ == "__main__":

@@ -12,8 +12,7 @@ from typing import Dict, List, Set
 
 import numpy as np
 
-from applr_ros1.common.scan import LaserScan
-from applr_ros1.drives.drive import Drive, Measured
+from applr_ros1.drives.drive import Measured, Motion, Scans
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.scan_matching import noise_of
 from applr_ros1.monitor.settings import MonitorSettings
@@ -21,7 +20,7 @@ from applr_ros1.robots import Robot
 from applr_ros1.senses.standing import STANDS
 
 PERIOD_S = 0.05  # time between two commands [s]
-COLUMNS = Measured._fields  # of a drive
+COLUMNS = (*Measured._fields, "transforms")  # of a drive
 # Sentence on a drive, the figure that is bad from a limit on, and its remedy
 WORDS = (
     ("{minutes:.1f} min, {rate:.1f} scans per second, longest gap {gap:.2f} s", "gap", 0.5,
@@ -40,14 +39,8 @@ WORDS = (
 )  # fmt: skip
 
 
-def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
-    """Return the figures of a drive that WORDS names, and the share of velocities that "pass".
-
-    Raises:
-        DriveError: The drive has no odometry or no scans.
-    """
-    measured = drive.require(Measured)
-    odometry, scans = measured
+def rehearsed(odometry: Motion, scans: Scans, robot: Robot) -> Dict[str, float]:
+    """Return the figures of a drive that WORDS names, and the share of velocities that "pass"."""
     intervals = np.diff(np.sort(scans.stamp))
     period = float(np.median(intervals))
     monitor = CollisionMonitor(replace(MonitorSettings.of(robot), scan_period=period))
@@ -57,8 +50,11 @@ def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
     noises: List[float] = [0.0]
     for time in np.arange(odometry.time[0], odometry.time[-1], PERIOD_S).tolist():
         while row < len(scans) and scans.time[row] <= time:
-            scan = _scan(measured, row, robot, period)
-            monitor.add_scan(scan)
+            stamp = float(scans.stamp[row])
+            laser_pose = robot.laser.pose_for(odometry.pose_at(stamp))
+            scan = scans.scan(row, stamp, laser_pose, robot.laser)
+            # Real lasers measure beam by beam, all the time.
+            monitor.add_scan(replace(scan, sweep=period))
             noises.append(noise_of(scan.distances))
             counts["unmatched"] += bool(monitor.matcher.problem)
             counts["elsewhere"] += monitor.matcher.lost
@@ -88,13 +84,6 @@ def rehearsed(drive: Drive, robot: Robot) -> Dict[str, float]:
         "alarms": (counts["slow"] + counts["stop"]) / moving,
         "tracks": len(tracked) / minutes,
     }
-
-
-def _scan(measured: Measured, row: int, robot: Robot, period: float) -> LaserScan:
-    """Return a scan in the odometry's frame. Real lasers measure beam by beam, all the time."""
-    stamp = float(measured.scans.stamp[row])
-    pose = robot.laser.pose_for(measured.odometry.pose_at(stamp))
-    return replace(measured.scans.scan(row, stamp, pose, robot.laser), sweep=period)
 
 
 def lines(figures: Dict[str, float]) -> List[str]:

@@ -12,12 +12,12 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.extras import extra
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.dimensionless import ENCODINGS
-from training.common.command_line import parsed
+from training.common.command_line import run_command
 from training.common.folders import make_folder
 from training.common.options import argument, option
 from training.env.reward import Reward
@@ -54,8 +54,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
     Return 0, or 1 after a one-line error if no dataset was written.
     """
-    name = "bags_to_dataset.py"
-    return run_main(lambda: run(parsed(DatasetOptions, name, __doc__, arguments)), name)
+    return run_command(DatasetOptions, run, "bags_to_dataset.py", __doc__, arguments)
 
 
 def run(options: DatasetOptions) -> None:

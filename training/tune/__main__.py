@@ -21,11 +21,10 @@ import sys
 from pathlib import Path
 from typing import Optional, Sequence
 
-from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.robots import NAMES
 from training.attempts.candidates import search_space
-from training.common.command_line import continuable, parsed, robot_name
+from training.common.command_line import continuable, robot_name, run_command
 from training.common.folders import make_folder
 from training.env.settings import CHALLENGE
 from training.evaluate.runner import check_unseen, content, content_of_worlds, world_list
@@ -53,8 +52,7 @@ JUDGED = ("tuned.yaml", "without"), ("static.json", "with")
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if a file was written, 130 after Ctrl-C, else 1."""
-    name = "./applr tune"
-    return run_main(lambda: run(parsed(TuneOptions, name, __doc__, arguments)), name)
+    return run_command(TuneOptions, run, "./applr tune", __doc__, arguments)
 
 
 def run(options: TuneOptions) -> int:

@@ -17,13 +17,13 @@ from typing import Any, Dict, Iterable, List, Optional, Sequence
 
 from tqdm import tqdm
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import is_in_writable_folder, write_bytes
 from applr_ros1.why.answer import answer_of
 from applr_ros1.why.diagnosis import diagnose
 from applr_ros1.why.replay import Replay, Watch
-from training.common.command_line import continuable, parsed
+from training.common.command_line import continuable, run_command
 from training.common.options import argument, option
 
 with extra(__name__):
@@ -203,9 +203,7 @@ def _print_notes(path: Path, notes: Iterable[str]) -> None:
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """Run the command; return its exit status."""
-    return run_main(
-        lambda: run(parsed(WhyOptions, "./applr why", __doc__, arguments)), "./applr why"
-    )
+    return run_command(WhyOptions, run, "./applr why", __doc__, arguments)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from applr_ros1.common.angles import Pose, transform_motions
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.messages import pose_of
 from applr_ros1.common.ros_node import LARGE_BUFFER
-from applr_ros1.common.scan import LEAST_LEVEL_COS
+from applr_ros1.common.scan import LEAST_LEVEL_COS, from_above
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors
@@ -172,8 +172,8 @@ class RobotInputs:
             if abs(tilt_cosine) < LEAST_LEVEL_COS:
                 problem = f"the laser in {scan.frame} is tilted"
                 raise ObservationError(f"{problem}: the policy needs a level laser")
-            hangs = tilt_cosine < 0.0
-            ranges, first_angle = conversions.from_above(scan, ranges, hangs)
+            if tilt_cosine < 0.0:
+                ranges, first_angle = from_above(ranges, first_angle, scan.angle_increment)
         return ranges, scan.sensor_pose[2] + first_angle, scan.angle_increment
 
     def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> Pose:

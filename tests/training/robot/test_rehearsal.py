@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.drives.drive import Drive, Motion, Scans
+from applr_ros1.common.angles import quaternion_of
+from applr_ros1.drives.drive import Drive, Measured, Motion, Scans, Transforms
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 from tests.support.bags import write
@@ -26,36 +27,34 @@ ROOM = np.array(
 )
 
 
-def room_drive(noise=0.003, rate=20.0, zeros=0.0, gap=0.0, elsewhere=False, seed=0):
+def room_drive(noise=0.003, y=0.0, zeros=0.0, gap=0.0, elsewhere=False, laser=JACKAL.laser):
     """Return a drive through a room, straight on.
 
     Args:
         noise: Standard deviation of the ranges [m].
-        rate: Scans per second.
+        y: Where [m].
         zeros: Share of the ranges that are 0.
         gap: Time without scans in the middle [s].
         elsewhere: Whether every tenth scan is one of a robot across the way.
-        seed: Seed of noise and zeros.
+        laser: The robot's laser.
     """
-    rng = np.random.default_rng(seed)
-    laser = JACKAL.laser
+    rng = np.random.default_rng(0)
     time = np.arange(0.0, SECONDS, 0.02)
-    pose = np.column_stack([SPEED * time, 0.0 * time, 0.0 * time])
-    twist = np.column_stack([SPEED + 0.0 * time, 0.0 * time])
-    stamps = np.arange(0.05, SECONDS, 1.0 / rate)
+    pose = np.outer(time, [SPEED, 0.0, 0.0]) + [0.0, y, 0.0]
+    twist = np.tile([SPEED, 0.0], (len(time), 1))
+    stamps = np.arange(0.05, SECONDS, 0.05)
     stamps = stamps[abs(stamps - SECONDS / 2) >= gap / 2]
     lidar = Lidar(laser, np.zeros((0, 3)), ROOM)
     ranges = []
     for number, stamp in enumerate(stamps):
         yaw = 0.5 * np.pi if elsewhere and number % 10 == 9 else 0.0
-        seen = lidar.scan(*laser.pose_for((SPEED * stamp, 0.0, yaw))).copy()
+        seen = lidar.scan(*laser.pose_for((SPEED * stamp, y, yaw))).copy()
         seen += rng.normal(0.0, noise, seen.shape).astype(np.float32)
         seen[rng.random(len(seen)) < zeros] = 0.0
         ranges.append(seen)
-    fan = [laser.first_angle, laser.increment, laser.range_min, laser.range_max]
     return Drive(
         odometry=Motion(time, time, pose, twist),
-        scans=Scans(stamps, stamps, np.tile(fan, (len(stamps), 1)), ranges),
+        scans=Scans(stamps, stamps, np.tile(laser.fan, (len(stamps), 1)), ranges),
     )
 
 
@@ -70,7 +69,7 @@ def room_drive(noise=0.003, rate=20.0, zeros=0.0, gap=0.0, elsewhere=False, seed
     ],
 )
 def test_a_recorded_drive_names_its_fault_with_a_remedy(fault, named):
-    figures = rehearsed(room_drive(**fault), JACKAL)
+    figures = rehearsed(*room_drive(**fault).require(Measured), JACKAL)
     said = "\n".join(lines(figures))
     for _, name, _, remedy in WORDS:
         # One fault may lead to others: gaps, noise and jumps of the scans to scans without a match.
@@ -90,4 +89,21 @@ def test_a_check_says_what_the_sensors_show_in_a_bag(tmp_path, monkeypatch, caps
     assert f"{bag}: 31% of the ranges are 0: {remedy}" in capsys.readouterr().out
     # A robot whose description has it has no zeros.
     laser = JACKAL.laser.model_copy(update={"no_return": 0.0})
-    assert "0% of the ranges are 0" in check.drive_lines(replace(JACKAL, laser=laser), bag)[2]
+    assert "0% of the ranges are 0" in check.drive_lines(replace(JACKAL, laser=laser), bag)[3]
+
+
+def test_a_check_says_that_a_bag_has_another_laser_and_takes_its_place_from_tf(tmp_path):
+    # Beside a wall, which is ahead by the place in robot.yaml
+    turned = {"pose": (0.06, 0.0, -1.5), "beams": 181, "range_max": 12.0}
+    drive = room_drive(y=-1.6, laser=JACKAL.laser.model_copy(update=turned))
+    place = np.array([[0.06, 0.0, 0.0, *quaternion_of(-1.5)]])
+    drive.transforms = Transforms(
+        np.zeros(1), np.zeros(1), ["base_link"], ["front_laser"], place, [True]
+    )
+    fan, in_tf, *said = check.drive_lines(JACKAL, write(tmp_path / "drive.bag", drive))
+    assert fan.endswith(
+        "laser: 181 beams, -135 to 135 degrees, 0.1 to 12 m; robot.yaml has 720 beams, -135 to 135 "
+        "degrees, 0.1 to 30 m: correct laser there, or give the robot that drove"
+    )
+    assert "tf has the laser at (0.06, 0.00) m, -1.50 rad" in in_tf
+    assert ": check" not in "".join(said)
