@@ -83,16 +83,14 @@ def missing(column: str, names: TopicNames, types: Mapping[str, str]) -> str:
     """
     topic = topic_of(column, names)
     option = COLUMNS[column].topic.strip("{}")
+    remedy = f"correct topics in robot.yaml, or give --{option}"
     messages = COLUMNS[column].type.rpartition("/")[2]
-    # Odometry has no plural.
-    if not messages.endswith("y"):
-        messages += "s"
     others = topics_of(column, types)
     if topic in types and topic not in others:
-        return f"{topic} has messages of {types[topic]}, not {messages}: give --{option}"
+        return f"{topic} has messages of {types[topic]}, not {messages}: {remedy}"
     if not others:
         return f"no messages on {topic}, and the bag has no {messages}: record it"
-    return f"no messages on {topic}: give --{option}; the bag has {messages} on {', '.join(others)}"
+    return f"no messages on {topic}: {remedy}; the bag has {messages} on {', '.join(others)}"
 
 
 def missing_plans(planner: str, names: TopicNames, types: Mapping[str, str]) -> str:

@@ -17,9 +17,11 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.extras import extra
 from applr_ros1.drives.columns import TopicNames
 from applr_ros1.drives.drive import Measured
+from applr_ros1.drives.names import missing
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -42,9 +44,9 @@ def summary(described: Robot) -> List[str]:
     planner = MoveBase(described.parameters())
     length, width = np.ptp(planner.local_costmap.footprint, axis=0)
     command_rate = planner.configuration("")["controller_frequency"]
-    setups = "with and without a map"
-    if described.move_base.with_map is None:
-        setups = "without a map only"
+    setups = (
+        "without a map only" if described.move_base.with_map is None else "with and without a map"
+    )
     seen = f"a policy sees {layout.beams} beams up to {layout.range_cap:.1f} m"
     scale = f"worlds at {described.world_scale:g} of the Jackal's"
     lines = [
@@ -86,8 +88,12 @@ def drive_lines(described: Robot, bag: str) -> List[str]:
     """Return lines on what the sensors show in the drive of a bag."""
     with extra(__name__):
         from training.bags.read import opened
+    names = TopicNames.of(described)
     with opened(bag) as content:
-        drive = content.drive(described, TopicNames.of(described), rehearsal.COLUMNS)
+        drive = content.drive(described, names, rehearsal.COLUMNS)
+        for column in Measured._fields:
+            if not getattr(drive, column):
+                raise ApplrError(missing(column, names, content.types))
     odometry, scans = drive.require(Measured)
     laser = described.laser
     known = _fan(laser.beams, *laser.fan)
@@ -97,10 +103,9 @@ def drive_lines(described: Robot, bag: str) -> List[str]:
         line += f"; robot.yaml has {known}: correct laser there, or give the robot that drove"
     # As on the robot, the laser is where tf has it.
     placed = placed_laser(without_prefix(drive, described), scans, described)
-    laser = laser.model_copy(update={"pose": placed.pose})
-    figures = rehearsal.rehearsed(odometry, placed.scans, replace(described, laser=laser))
-    lines = [line, *placed.notes, *rehearsal.lines(figures)]
-    return [f"{bag}: {line}" for line in lines]
+    described = replace(described, laser=laser.model_copy(update={"pose": placed.pose}))
+    figures = rehearsal.rehearsed(odometry, placed.scans, described)
+    return [line, *placed.notes, *rehearsal.lines(figures)]
 
 
 class CheckOptions(Options):
@@ -119,14 +124,14 @@ class CheckOptions(Options):
 
 def check(options: CheckOptions) -> int:
     """Print errors, remarks, summary, doors, bag and test drives. Return 1 if the robot fails."""
-    errors: List[str] = []
-    remarks: List[str] = []
+    remarks = []
     # Reading already refuses what no robot can be built from.
     try:
         described = read(options.robot)
     except RobotError as refused:
-        errors += refused.lines
+        errors = list(refused.lines)
     else:
+        errors = []
         setups = [described]
         if described.move_base.with_map is not None:
             setups.append(described.on_map())
@@ -148,7 +153,8 @@ def check(options: CheckOptions) -> int:
     if options.map:
         print(doors(described, options.map))
     if options.bag:
-        print("\n".join(drive_lines(described, options.bag)), flush=True)
+        for line in drive_lines(described, options.bag):
+            print(f"{options.bag}: {line}")
     drives, floor_lines = open_floor.try_out(described)
     print("\n".join(floor_lines))
     return 0 if drives else 1

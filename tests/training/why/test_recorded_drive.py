@@ -369,12 +369,12 @@ def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
     [
         (
             {"command": "/cmd_vel_mux/input/navi"},
-            "/cmd_vel: give --command; the bag has Twists on /cmd_vel_mux/input/navi",
+            "/cmd_vel: .* or give --command; the bag has Twist on /cmd_vel_mux/input/navi",
         ),
-        ({"scan": "/scan"}, "/front/scan: give --scan; the bag has LaserScans on /scan"),
+        ({"scan": "/scan"}, "/front/scan: .* or give --scan; the bag has LaserScan on /scan"),
         (
             {"odometry": "/odom"},
-            "/odometry/filtered: give --odometry; the bag has Odometry on /odom",
+            "/odometry/filtered: .* or give --odometry; the bag has Odometry on /odom",
         ),
     ],
 )
@@ -390,7 +390,7 @@ def test_a_missing_topic_is_named_with_its_option_and_the_bags_topics(
 
 def test_a_topic_of_another_type_is_not_read(driven, bag_path):
     drive = replace(until(driven, 1.0), planned=None)
-    # The topic of the commands has the name of the scan's; --command leads to the scan's Twists.
+    # The topic of the commands has the name of the scan's; --command leads to the scan's Twist.
     topics = names(command="/front/scan", scan="/scan")
     write(bag_path, drive, topics=topics)
     with pytest.raises(BagError, match="/front/scan has messages of geometry_msgs/msg/Twist"):
@@ -423,7 +423,8 @@ def test_of_such_a_planner_odometry_on_another_topic_is_named(driven, bag_path):
         read_back(bag_path)
     assert str(refusal.value) == (
         f"{bag_path}: {OTHER_PLANNER}; what else happened is seen in the odometry: no messages on "
-        "/odometry/filtered: give --odometry; the bag has Odometry on /odom"
+        "/odometry/filtered: correct topics in robot.yaml, or give --odometry; the bag has "
+        "Odometry on /odom"
     )
     with pytest.raises(BagError) as refusal:
         read_back(bag_path, odometry="/odom")
