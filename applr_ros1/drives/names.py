@@ -84,7 +84,7 @@ def missing(column: str, names: TopicNames, types: Mapping[str, str]) -> str:
     topic = topic_of(column, names)
     option = COLUMNS[column].topic.strip("{}")
     remedy = f"correct topics in robot.yaml, or give --{option}"
-    messages = COLUMNS[column].type.rpartition("/")[2]
+    messages = COLUMNS[column].type
     others = topics_of(column, types)
     if topic in types and topic not in others:
         return f"{topic} has messages of {types[topic]}, not {messages}: {remedy}"

@@ -178,8 +178,8 @@ def placed_laser(drive: Drive, scans: Scans, robot: Robot) -> PlacedLaser:
     if in_tf is None:
         if frame != robot.laser.frame:
             differs = f"scans in {frame}, {robot.name} has {robot.laser.frame}"
-            remedy = f"give the robot that drove, or the topic of its scans, or record {TF}"
-            raise ApplrError(f"{differs}: {remedy}")
+            remedy = "give the robot that drove, or the topic of its scans, or record"
+            raise ApplrError(f"{differs}: {remedy} {TF} with {robot.frames.base}")
         return PlacedLaser(scans, robot.laser.pose, [])
     # The laser's x axis gives its heading, also upside down; its z axis shows how it is mounted.
     laser_x, laser_y, laser_yaw = in_tf.planar[0].tolist()
@@ -189,7 +189,7 @@ def placed_laser(drive: Drive, scans: Scans, robot: Robot) -> PlacedLaser:
         scans = _mirrored(scans)
         notes.append("the laser is mounted upside down (tf): its beams are taken in reverse")
     if abs(upright) < TILTED:
-        degrees = np.degrees(np.arccos(min(abs(upright), 1.0)))
+        degrees = np.degrees(np.arccos(abs(upright)))
         notes.append(f"tf tilts the laser by {degrees:.0f} degrees: it is taken as level")
     known_x, known_y, known_yaw = known_pose = robot.laser.pose
     off = apart(in_tf.planar, np.array([known_pose]))

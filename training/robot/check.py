@@ -87,7 +87,8 @@ def doors(described: Robot, path: str) -> str:
 def drive_lines(described: Robot, bag: str) -> List[str]:
     """Return lines on what the sensors show in the drive of a bag."""
     with extra(__name__):
-        from training.bags.read import opened
+        from training.bags.read import bags_in, opened
+    bags_in([bag])  # raises BagError if there is none
     names = TopicNames.of(described)
     with opened(bag) as content:
         drive = content.drive(described, names, rehearsal.COLUMNS)
@@ -95,16 +96,15 @@ def drive_lines(described: Robot, bag: str) -> List[str]:
             if not getattr(drive, column):
                 raise ApplrError(missing(column, names, content.types))
     odometry, scans = drive.require(Measured)
-    laser = described.laser
-    known = _fan(laser.beams, *laser.fan)
+    known = _fan(described.laser.beams, *described.laser.fan)
     recorded = _fan(len(scans.ranges[-1]), *scans.fan[-1])
     line = f"laser: {recorded}"
     if recorded != known:
         line += f"; robot.yaml has {known}: correct laser there, or give the robot that drove"
     # As on the robot, the laser is where tf has it.
     placed = placed_laser(without_prefix(drive, described), scans, described)
-    described = replace(described, laser=laser.model_copy(update={"pose": placed.pose}))
-    figures = rehearsal.rehearsed(odometry, placed.scans, described)
+    laser = described.laser.model_copy(update={"pose": placed.pose})
+    figures = rehearsal.rehearsed(odometry, placed.scans, replace(described, laser=laser))
     return [line, *placed.notes, *rehearsal.lines(figures)]
 
 
@@ -146,7 +146,7 @@ def check(options: CheckOptions) -> int:
     if not errors:
         print("\n".join(summary(described)))
     for line in dict.fromkeys(remarks):
-        print(line, flush=True)
+        print(line)
     # A robot with errors may not even start.
     if errors:
         return 1

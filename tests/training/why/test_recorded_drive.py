@@ -369,12 +369,15 @@ def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
     [
         (
             {"command": "/cmd_vel_mux/input/navi"},
-            "/cmd_vel: .* or give --command; the bag has Twist on /cmd_vel_mux/input/navi",
+            "/cmd_vel: .* --command; the bag has geometry_msgs/msg/Twist on /cmd_vel_mux",
         ),
-        ({"scan": "/scan"}, "/front/scan: .* or give --scan; the bag has LaserScan on /scan"),
+        (
+            {"scan": "/scan"},
+            "/front/scan: .* or give --scan; the bag has sensor_msgs/msg/LaserScan on /scan",
+        ),
         (
             {"odometry": "/odom"},
-            "/odometry/filtered: .* or give --odometry; the bag has Odometry on /odom",
+            "/odometry/filtered: .* or give --odometry; the bag has nav_msgs/msg/Odometry on /odom",
         ),
     ],
 )
@@ -424,7 +427,7 @@ def test_of_such_a_planner_odometry_on_another_topic_is_named(driven, bag_path):
     assert str(refusal.value) == (
         f"{bag_path}: {OTHER_PLANNER}; what else happened is seen in the odometry: no messages on "
         "/odometry/filtered: correct topics in robot.yaml, or give --odometry; the bag has "
-        "Odometry on /odom"
+        "nav_msgs/msg/Odometry on /odom"
     )
     with pytest.raises(BagError) as refusal:
         read_back(bag_path, odometry="/odom")
